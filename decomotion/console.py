@@ -1,0 +1,36 @@
+"""The shell of every command: runs a click command and turns `InputError` into one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Sequence
+
+import click
+
+from decomotion.errors import InputError, TrainingError
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
+    """Runs `command` on `argv` (default: the process's arguments) and returns the exit code.
+
+    0 when it worked, 2 after bad input, 1 after a failed optimisation, 130 after Ctrl-C.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    try:
+        result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
+    except InputError as error:
+        click.echo(f"Error: {error}", err=True)
+        return BAD_INPUT
+    except click.ClickException as error:
+        error.show()
+        return BAD_INPUT
+    except TrainingError as error:
+        click.echo(f"Error: {error}", err=True)
+        return 1
+    except (click.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    return result if isinstance(result, int) else 0

@@ -1,0 +1,28 @@
+"""Errors that a user can mend: every package's exception family grows from `InputError`."""
+
+
+class InputError(ValueError):
+    """Bad input; its text is one sentence: what was wrong, where, and what to do.
+
+    The command-line tools print that sentence and exit with code 2 (`decomotion.console.run`).
+    """
+
+
+class ClipError(InputError):
+    """The clip cannot be read: no frames, one frame, mixed sizes, or a frame that does not decode."""
+
+
+class ConfigError(InputError):
+    """A configuration value is unknown, of the wrong type, or out of range."""
+
+
+class CheckpointError(InputError):
+    """A run or its checkpoint is missing, damaged, or belongs to another clip."""
+
+
+class SupervisionError(InputError):
+    """Flow, features or masks given by the user do not fit the clip."""
+
+
+class TrainingError(RuntimeError):
+    """The optimisation itself failed, for example a loss that is not a number."""
