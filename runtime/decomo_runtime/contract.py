@@ -1,0 +1,41 @@
+"""The .onnx file as a contract: names, axes and metadata that the exporter writes and the runtime relies on.
+
+All coordinates are pixels of the clip's own resolution, pixel centres at integers; frames count from 0.
+
+Inputs
+    queries             float32 [N, 3]  (t, x, y): the frame and place where each point is seen
+    frames              int64   [M]     the frames in which to look for it
+Outputs
+    tracks              float32 [N, M, 2]  (x, y) of each point in each frame, inside or outside the image
+    occlusion           float32 [N, M]     score in [0, 1]; above the metadata's threshold: occluded
+    rgb                 float32 [N, 3]     colour of the query's own ray in [0, 1], both volumes fused
+    rgb_static          float32 [N, 3]     the static volume alone
+    rgb_dynamic         float32 [N, 3]     the dynamic volume alone
+    static_confidence   float32 [N]        rendered confidence that the point belongs to the static scene, in [0, 1]
+    depth               float32 [N]        pseudo-depth of the ray, 0 (near) to 2 (far)
+"""
+
+from __future__ import annotations
+
+FORMAT_VERSION = 1
+"""Raised whenever a runtime of the former version would misread the file."""
+
+OPSET = 18
+
+QUERIES, FRAMES = "queries", "frames"
+INPUTS = (QUERIES, FRAMES)
+
+TRACKS, OCCLUSION = "tracks", "occlusion"
+RGB, RGB_STATIC, RGB_DYNAMIC = "rgb", "rgb_static", "rgb_dynamic"
+STATIC_CONFIDENCE, DEPTH = "static_confidence", "depth"
+OUTPUTS = (TRACKS, OCCLUSION, RGB, RGB_STATIC, RGB_DYNAMIC, STATIC_CONFIDENCE, DEPTH)
+
+META_FORMAT_VERSION = "decomotion.format_version"
+META_CLIP_NAME = "decomotion.clip_name"
+META_NUM_FRAMES = "decomotion.num_frames"
+META_HEIGHT = "decomotion.height"
+META_WIDTH = "decomotion.width"
+META_FPS = "decomotion.fps"
+META_PRESET = "decomotion.preset"
+META_OCCLUSION_THRESHOLD = "decomotion.occlusion_threshold"
+META_WRITER_VERSION = "decomotion.version"
