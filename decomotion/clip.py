@@ -9,12 +9,16 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
+
+if TYPE_CHECKING:
+    import av
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEFAULT_FPS = 24.0
@@ -36,10 +40,12 @@ class Clip:
 
     @property
     def height(self) -> int:
+        """Of every frame, in pixels."""
         return self.frames.shape[1]
 
     @property
     def width(self) -> int:
+        """Of every frame, in pixels."""
         return self.frames.shape[2]
 
     def digest(self) -> str:
@@ -67,16 +73,18 @@ def read_clip(path: str | Path) -> Clip:
 
 def _folder_name(path: Path) -> str:
     folder = path.resolve()
-    generic = folder.name in ("color", "clip", "frames")
-    return folder.parent.name if generic and folder.parent.name else folder.name
+    own_names = (part.name for part in (folder, *folder.parents) if part.name not in ("color", "clip", "frames"))
+    return next(own_names) or folder.name
 
 
-def _natural(path: Path) -> list[tuple[int, int | str]]:
-    return [(0, int(part)) if part.isdigit() else (1, part) for part in re.split(r"(\d+)", path.name)]
+def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
+    parts = re.split(r"(\d+)", path.stem)
+    return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts], path.name
 
 
 def _images_in(folder: Path) -> list[Path]:
-    return sorted((file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
+    visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
+    return sorted((file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
 
 
 def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
@@ -87,7 +95,11 @@ def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
         raise ClipError(f"{folder} holds no frames; put .jpg or .png files there, or in {folder / 'color'}")
     frames = []
     for file in files:
-        frame = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_COLOR) if file.stat().st_size else None
+        try:
+            encoded = np.fromfile(file, np.uint8)
+        except OSError as error:
+            raise ClipError(f"frame {file} cannot be read ({error.strerror}); replace it or remove it") from error
+        frame = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
         if frame is None:
             raise ClipError(f"frame {file} does not decode as an image; replace it or remove it")
         if frames and frame.shape != frames[0].shape:
@@ -101,6 +113,7 @@ def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
 
 def _read_video(path: Path) -> tuple[list[npt.NDArray[np.uint8]], float]:
     import av
+    from av.error import FFmpegError
 
     try:
         with av.open(str(path)) as container:
@@ -108,9 +121,19 @@ def _read_video(path: Path) -> tuple[list[npt.NDArray[np.uint8]], float]:
                 raise ClipError(f"{path} has no video stream; give a video file or a folder of frames")
             stream = container.streams.video[0]
             fps = float(stream.average_rate or DEFAULT_FPS)
-            frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
-    except (av.FFmpegError, OSError) as error:
-        raise ClipError(f"{path} does not decode as a video ({error}); give a video file or a folder of frames") from error
+            frames = [_upright(frame) for frame in container.decode(stream)]
+    except FFmpegError as error:
+        raise ClipError(
+            f"{path} does not decode as a video ({error.strerror}); give a video file or a folder of frames"
+        ) from error
     if not frames:
         raise ClipError(f"{path} has a video stream without frames; give another file")
+    if len({frame.shape for frame in frames}) > 1:
+        raise ClipError(f"{path} changes its frame size on the way; bring all frames to one size")
     return frames, fps
+
+
+def _upright(frame: av.VideoFrame) -> npt.NDArray[np.uint8]:
+    """The frame as a player shows it: phones store portrait video lying down, with the rotation beside it."""
+    quarter_turns = round(frame.rotation / 90)  # counter-clockwise, as np.rot90 counts
+    return np.rot90(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), quarter_turns)

@@ -12,12 +12,14 @@ from decomotion.errors import InputError, TrainingError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
 def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     """Runs `command` on `argv` (default: the process's arguments) and returns the exit code.
 
-    0 when it worked, 2 after bad input, 1 after a failed optimisation, 130 after Ctrl-C.
+    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of the training extra
+    that is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
     """
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
@@ -27,6 +29,17 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except click.ClickException as error:
         error.show()
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        library = (error.name or "").split(".")[0]
+        if library in OUR_PACKAGES:
+            raise
+        click.echo(f"Error: {library} is not installed; run: pip install 'decomotion[train]'", err=True)
+        return BAD_INPUT
+    except OSError as error:
+        if error.filename is None:
+            raise
+        click.echo(f"Error: {error.filename}: {error.strerror}", err=True)
         return BAD_INPUT
     except TrainingError as error:
         click.echo(f"Error: {error}", err=True)

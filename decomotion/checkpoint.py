@@ -1,0 +1,94 @@
+"""Checkpoints: all that rebuilds a model, and all that continues its training, in one file without code."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from decomotion import config as configuration
+from decomotion.clip import Clip
+from decomotion.config import Config
+from decomotion.errors import CheckpointError
+from decomotion.files import replacing
+from decomotion.geometry import ImagePlane
+from decomotion.model.fusion import DecoMotion
+
+FORMAT_VERSION = 1
+FILE_NAME = "checkpoint.pt"
+
+
+@dataclass(frozen=True)
+class ClipFacts:
+    """What a model must know of the clip that it was fitted to."""
+
+    name: str
+    digest: str
+    num_frames: int
+    height: int
+    width: int
+    fps: float
+
+    @staticmethod
+    def of(clip: Clip) -> ClipFacts:
+        """The facts of `clip`."""
+        return ClipFacts(clip.name, clip.digest(), len(clip), clip.height, clip.width, clip.fps)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A loaded checkpoint."""
+
+    config: Config
+    clip: ClipFacts
+    model: DecoMotion
+    training: dict[str, Any]
+    """State of the optimisation: see `decomotion.train`."""
+
+
+def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, training: dict[str, Any]) -> None:
+    """Writes a checkpoint; a kill at any moment leaves the former one whole."""
+    content = {
+        "format_version": FORMAT_VERSION,
+        "config": config.model_dump(mode="json"),
+        "clip": asdict(clip),
+        "feature_size": model.feature_size,
+        "model": model.state_dict(),
+        "training": training,
+    }
+    with replacing(path) as temporary:
+        torch.save(content, temporary)
+
+
+def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
+    """Reads a checkpoint and rebuilds its model.
+
+    Raises `CheckpointError` where the file is missing, damaged or of a newer format.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"{path} does not exist; train first with decomo-train")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        version = content["format_version"]
+    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError, OSError) as error:
+        raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
+    if version > FORMAT_VERSION:
+        raise CheckpointError(f"{path} has format {version} but this decomotion reads up to {FORMAT_VERSION}; upgrade it")
+    config = configuration.parse(content["config"], str(path))
+    clip = ClipFacts(**content["clip"])
+    state = content["model"]
+    starts = (state["static.affine.start"], state["dynamic.affine.start"])
+    model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
+    model.load_state_dict(state)
+    return Checkpoint(config, clip, model.to(device), content["training"])
+
+
+def latest_run(root: Path = Path("runs")) -> Path:
+    """The run whose checkpoint was written last."""
+    runs = sorted(root.glob(f"*/{FILE_NAME}"), key=lambda file: file.stat().st_mtime)
+    if not runs:
+        raise CheckpointError(f"there is no run in {root.resolve()}; train first with decomo-train, or give --run")
+    return runs[-1].parent

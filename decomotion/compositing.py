@@ -1,0 +1,58 @@
+"""Alpha compositing along rays, for one volume and for the fusion of two.
+
+Notation, on the axis `sample` that runs from near to far (paper, Eq. 2 and 6):
+    sigma   density of a sample, non-negative
+    alpha   1 - exp(-sigma), the opacity of a sample
+    T       transmittance: the share of light that reaches a sample, exp(-sum of sigma in front of it)
+    w       weight of a sample, T * alpha; the weights of a ray sum to at most 1, not to 1
+    beta    static confidence of a sample in [0, 1]
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def transmittance(sigma: Float[Tensor, "*batch sample"]) -> Float[Tensor, "*batch sample"]:
+    """T_k = exp(-sum_{l<k} sigma_l): exclusive of the sample itself."""
+    return torch.exp(sigma - torch.cumsum(sigma, dim=-1))
+
+
+def composite_weights(sigma: Float[Tensor, "*batch sample"]) -> Float[Tensor, "*batch sample"]:
+    """w_k = T_k (1 - exp(-sigma_k)) of one volume (paper, Eq. 2)."""
+    return transmittance(sigma) * -torch.expm1(-sigma)
+
+
+class FusedWeights(NamedTuple):
+    """Weights of the static and the dynamic sample at each depth; all of a ray's weights sum to at most 1."""
+
+    static: Float[Tensor, "*batch sample"]
+    dynamic: Float[Tensor, "*batch sample"]
+
+
+def fused_weights(
+    sigma_static: Float[Tensor, "*batch sample"],
+    sigma_dynamic: Float[Tensor, "*batch sample"],
+    beta: Float[Tensor, "*batch sample"],
+) -> FusedWeights:
+    """Weights of the fused volume (paper, Eq. 6).
+
+    The combined density beta sigma_st + (1 - beta) sigma_dy attenuates; at each sample the static volume takes
+    T beta alpha(sigma_st) and the dynamic one T (1 - beta) alpha(sigma_dy).
+    """
+    through = transmittance(beta * sigma_static + (1 - beta) * sigma_dynamic)
+    return FusedWeights(
+        through * beta * -torch.expm1(-sigma_static),
+        through * (1 - beta) * -torch.expm1(-sigma_dynamic),
+    )
+
+
+def composite(
+    weights: Float[Tensor, "*batch sample"], values: Float[Tensor, "*batch sample channel"]
+) -> Float[Tensor, "*batch channel"]:
+    """Sum over the samples of weight times value."""
+    return torch.matmul(weights[..., None, :], values)[..., 0, :]

@@ -1,0 +1,306 @@
+"""The configuration: one typed tree from one YAML file. Unknown keys stop the load, by name.
+
+The text below each field is its documentation. Values live in `configs/*.yaml`, not here.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from decomotion.errors import ConfigError
+
+PRESETS = ("cpu", "paper")
+
+
+class Leaf(BaseModel):
+    """A frozen part of the configuration that admits no unknown key."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class Schedule(Leaf):
+    """A number that changes linearly over a part of the run."""
+
+    value: float
+    """Before `begin`."""
+    to: float
+    """After `end`."""
+    begin: float = Field(ge=0, le=1)
+    """Fraction of the run at which the change begins."""
+    end: float = Field(ge=0, le=1)
+    """Fraction of the run at which it is complete."""
+
+
+class FlowConfig(Leaf):
+    """Optical flow between frames (OpenCV's DIS)."""
+
+    upsample: float = Field(gt=0)
+    """Factor by which frames are enlarged first: DIS loses small displacements at its native resolution."""
+    max_side: int = Field(ge=32)
+    """Longer side in pixels that the enlarged frames may have at most."""
+    field_side: int = Field(ge=32)
+    """Longer side in pixels that the kept fields may have at most."""
+    patch_stride: int = Field(ge=1)
+    """DIS: pixels between patches."""
+    descent_iterations: int = Field(ge=1)
+    """DIS: gradient descent iterations per patch."""
+    refinement_iterations: int = Field(ge=0)
+    """DIS: variational refinement iterations."""
+    intervals: tuple[int, ...]
+    """Frame gaps at which flow is computed directly, both ways; all longer ones are linked from these."""
+
+
+class PoolConfig(Leaf):
+    """The pool of correspondences that the fit draws from."""
+
+    points_per_frame: int = Field(ge=16)
+    """Points of each frame that are linked to all other frames."""
+    cycle_threshold: float = Field(gt=0)
+    """Forward-backward error in pixels of a 256-pixel frame above which a hop counts as an occlusion."""
+    max_gap: int = Field(ge=1)
+    """Longest frame gap that is linked."""
+
+
+class DataConfig(Leaf):
+    """What is prepared from the clip before the fit."""
+
+    flow: FlowConfig
+    pool: PoolConfig
+    features: Literal["densesift", "none"]
+    """Dense features to render: kornia's dense SIFT, which needs no weights, or none."""
+    feature_size: int = Field(ge=0)
+    """Features are reduced by PCA to this many channels; 0 keeps them all."""
+    masks: str
+    """`auto` (flow's residual to the camera motion), `none`, or a folder of mask images (white: moving)."""
+
+
+class TimeCodeConfig(Leaf):
+    """Frame codes from normalised time through a network."""
+
+    kind: Literal["time"]
+    size: int = Field(ge=1)
+    """Length of a code."""
+    hidden: int = Field(ge=1)
+    """Channels of the two hidden layers."""
+    frequencies: int = Field(ge=0)
+    """Octaves of the positional encoding of time."""
+
+
+class TableCodeConfig(Leaf):
+    """Frame codes learned freely, one a frame."""
+
+    kind: Literal["table"]
+    size: int = Field(ge=1)
+    """Length of a code."""
+    frequencies: int = Field(ge=0)
+    """Octaves of the smooth functions of time that the codes start as."""
+
+
+class MlpConditionerConfig(Leaf):
+    """Coupling layers conditioned by an MLP."""
+
+    kind: Literal["mlp"]
+    frequencies: int = Field(ge=0)
+    """Octaves of the positional encoding of the two fixed coordinates."""
+    encoding: int = Field(ge=1)
+    """Channels into which that encoding is projected."""
+    hidden: int = Field(ge=1)
+    """Channels of the hidden layers."""
+    layers: int = Field(ge=1)
+    """Hidden layers."""
+
+
+class GridConditionerConfig(Leaf):
+    """Coupling layers conditioned by grids."""
+
+    kind: Literal["grid"]
+    cells: tuple[int, ...]
+    """Cells along the image's longer side, level by level; the finest last."""
+    rank: int = Field(ge=1)
+    """Grids that are mixed into each frame's."""
+
+
+class GaborFieldConfig(Leaf):
+    """A GaborNet."""
+
+    kind: Literal["gabor"]
+    width: int = Field(ge=1)
+    """Channels."""
+    layers: int = Field(ge=1)
+    """Linear layers between filters."""
+    input_scale: float = Field(gt=0)
+    """Scale of the filters' frequencies."""
+    alpha: float = Field(gt=0)
+    """Shape of the Gamma distribution that the filters' inverse widths start from."""
+
+
+class GridFieldConfig(Leaf):
+    """Feature planes and a small MLP."""
+
+    kind: Literal["grid"]
+    width: int = Field(ge=1)
+    """Channels of the MLP."""
+    channels: int = Field(ge=1)
+    """Channels of each plane."""
+    image_cells: tuple[int, ...]
+    """Cells of the x-y planes along the image's longer side, plane by plane."""
+    depth_cells: int = Field(ge=2)
+    """Cells of the x-z and y-z planes, likewise."""
+
+
+class SurfaceConfig(Leaf):
+    """The sheet of density that a volume starts with."""
+
+    depth: float
+    """Pseudo-depth of the sheet."""
+    thickness: float = Field(gt=0)
+    """Distance from its middle at which the prior on the raw density crosses 0."""
+    peak: float
+    """Raw density (before the softplus) in its middle."""
+
+
+class VolumeConfig(Leaf):
+    """One canonical volume and its transforms."""
+
+    start: Literal["identity", "camera", "object"]
+    """Affine maps that the fit starts with: none, the closed-form camera motion, or that of what moves."""
+    affine_hidden: int = Field(ge=1)
+    """Channels of the 2-layer MLP that corrects them."""
+    couplings: int = Field(ge=0)
+    """Number of invertible coupling layers after the affine map."""
+    directions: tuple[tuple[float, float, float], ...]
+    """The direction along which each coupling layer moves points, repeated as needed."""
+    conditioner: MlpConditionerConfig | GridConditionerConfig = Field(discriminator="kind")
+    field: GaborFieldConfig | GridFieldConfig = Field(discriminator="kind")
+    surface: SurfaceConfig | None
+    """The sheet to start with; null: none, as in the paper."""
+
+
+class ModelConfig(Leaf):
+    """The fused model."""
+
+    near: float
+    """Smallest pseudo-depth on a ray."""
+    far: float
+    """Largest pseudo-depth on a ray."""
+    samples: int = Field(ge=2)
+    """Samples on a ray."""
+    normalise_weights: bool
+    """Divide composited positions by the ray's total weight, so that they are unbiased where it is below 1."""
+    frame_code: TimeCodeConfig | TableCodeConfig = Field(discriminator="kind")
+    static: VolumeConfig
+    dynamic: VolumeConfig
+    feature_field: GaborFieldConfig | GridFieldConfig = Field(discriminator="kind")
+    occlusion_scale: float = Field(gt=0)
+    """Cycle error at which the occlusion score is 0.5, in pixels of a 256-pixel frame."""
+
+
+class OptimConfig(Leaf):
+    """The optimisation."""
+
+    steps: int = Field(ge=1)
+    """Optimisation steps where neither --steps nor --time-budget says otherwise."""
+    pairs: int = Field(ge=1)
+    """Frame pairs in a batch."""
+    points: int = Field(ge=1)
+    """Correspondences of each pair in a batch."""
+    lr_field: float
+    """Adam's learning rate of the fields."""
+    lr_transform: float
+    """Of the transforms."""
+    lr_code: float
+    """Of the frame codes."""
+    warmup: float = Field(ge=0, le=1)
+    """Fraction of the run over which the learning rates rise from zero."""
+    decay: Literal["cosine", "step"]
+    """How they fall: half a cosine to zero, or by `decay_factor` every `decay_every` of the run."""
+    decay_every: float = Field(gt=0, le=1)
+    decay_factor: float = Field(gt=0, le=1)
+    gap: Schedule
+    """Longest frame gap of a pair, as a fraction of the clip's length."""
+    hard_mining: float = Field(ge=0, le=1)
+    """Share of the correspondences that are drawn by their last known error."""
+    smooth_share: float = Field(ge=0, le=1)
+    """Share of the correspondences at which scene-flow smoothness is evaluated."""
+    micro_batch: int = Field(ge=0)
+    """Pairs whose graph is held in memory at once (gradients are accumulated; the mathematics is the same); 0: all."""
+    autocast: Literal["none", "bf16"]
+    """Precision of matrix products."""
+
+
+class LogConfig(Leaf):
+    """What a run records."""
+
+    scalars_every: int = Field(ge=1)
+    """Steps between TensorBoard scalars."""
+    previews: int = Field(ge=0)
+    """Preview pictures over a run."""
+    checkpoint_seconds: float = Field(gt=0)
+    """Time between checkpoints."""
+
+
+class Config(Leaf):
+    """Everything that decides a fit, apart from the clip, the seed and the budget."""
+
+    preset: str
+    """The name that the exported model carries."""
+    data: DataConfig
+    model: ModelConfig
+    loss: dict[str, float | Schedule]
+    """Weight of each loss by its name in `decomotion/losses`; 0 switches it off."""
+    optim: OptimConfig
+    log: LogConfig
+
+
+def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+    """Reads a preset (or `file`, in the same form) and applies `overrides` of the form `a.b.c=value`.
+
+    Raises `ConfigError` naming the key that is unknown, missing or of the wrong type.
+    """
+    source = Path(file) if file is not None else files("decomotion") / "configs" / f"{preset}.yaml"
+    if file is None and preset not in PRESETS:
+        raise ConfigError(f"preset {preset!r} is unknown; choose one of {', '.join(PRESETS)}")
+    if not source.is_file():
+        raise ConfigError(f"config file {source} does not exist; copy one of decomotion/configs/ to start from")
+    try:
+        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ConfigError(f"config file {source} is not YAML: {error}") from error
+    if not isinstance(tree, dict):
+        raise ConfigError(f"config file {source} does not hold a mapping of keys")
+    for override in overrides:
+        _apply(tree, override)
+    return parse(tree, str(source))
+
+
+def parse(tree: Any, source: str) -> Config:
+    """The typed configuration of a plain mapping; `source` is what error messages call it."""
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{source}: {key}: {first['msg'].lower()}; see decomotion/config.py for the keys") from error
+
+
+def _apply(tree: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    path = key.strip().split(".")
+    if not equals or not all(path):
+        raise ConfigError(f"--set {override} is not of the form key=value, for example optim.steps=500")
+    branch: Any = tree
+    for depth, part in enumerate(path[:-1], start=1):
+        if not isinstance(branch, dict) or part not in branch:
+            raise ConfigError(f"--set {override}: there is no key {'.'.join(path[:depth])}")
+        branch = branch[part]
+    if not isinstance(branch, dict) or path[-1] not in branch:
+        raise ConfigError(f"--set {override}: there is no key {key.strip()}")
+    try:
+        branch[path[-1]] = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"--set {override}: the value is not YAML") from error

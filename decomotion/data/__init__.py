@@ -1,0 +1,1 @@
+"""From a clip to the correspondences that supervise the fit."""

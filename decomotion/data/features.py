@@ -1,0 +1,40 @@
+"""Dense features to render: what a point looks like, more discriminatively than its colour."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+
+FEATURE_SIDE = 256
+"""Frames are brought to this longer side before features are computed."""
+
+
+def dense_sift(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """kornia's dense SIFT, [frame, h, w, 128], unit norm, on frames reduced to `FEATURE_SIDE`."""
+    from kornia.feature import DenseSIFTDescriptor
+
+    height, width = frames.shape[1:3]
+    shrink = min(1.0, FEATURE_SIDE / max(height, width))
+    size = (round(width * shrink), round(height * shrink))
+    describe = DenseSIFTDescriptor()
+    maps = []
+    for frame in frames:
+        grey = cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+        with torch.inference_mode():
+            described = describe(torch.from_numpy(grey).float()[None, None] / 255)
+        maps.append(described[0, :, : size[1], : size[0]].permute(1, 2, 0).numpy())
+    return np.stack(maps)
+
+
+def reduce_features(features: npt.NDArray[np.float32], size: int) -> npt.NDArray[np.float32]:
+    """PCA of [..., channel] to `size` channels (0: as they are), each vector then scaled to unit norm."""
+    flat = features.reshape(-1, features.shape[-1])
+    if 0 < size < flat.shape[-1]:
+        subset = flat[:: max(1, len(flat) // 100_000)]
+        mean = subset.mean(axis=0)
+        _, vectors = np.linalg.eigh(np.cov(subset - mean, rowvar=False))
+        flat = (flat - mean) @ vectors[:, ::-1][:, :size].astype(np.float32)
+    norm = np.linalg.norm(flat, axis=-1, keepdims=True)
+    return (flat / np.maximum(norm, 1e-6)).reshape(*features.shape[:-1], -1).astype(np.float32)

@@ -1,0 +1,158 @@
+"""Linking: correspondences over any gap, composed of direct flows over a few gaps.
+
+Flow over one frame drifts when it is chained; flow over sixteen often fails outright. Each point is therefore
+carried from its source frame outward, and at each new frame the best of several last hops is kept: from 1, 2, 4,
+... frames before, whichever has accumulated the least squared error (as MFT does, Neoral et al. 2024, with a learned
+uncertainty where we have the forward-backward error). A point hidden in between is found again by a longer hop
+over its occlusion.
+
+Errors are counted in units of a pixel of a frame whose longer side is 256, so that thresholds mean the same at any
+resolution; positions are in pixels of the fields' raster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Field = npt.NDArray[np.float32]
+FieldLookup = Callable[[int, int], Field]
+
+HOP_VARIANCE = 0.1**2
+"""Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
+CYCLE_SHARE = 0.3
+"""Share of a hop's squared cycle error that is counted as its own squared error."""
+CYCLE_LIMIT = 20.0
+"""Cycle errors are counted up to here, in units."""
+OCCLUSION_COST = 10.0
+"""Squared units that a hop onto a hidden place costs: any visible path is preferred up to this error."""
+
+
+@dataclass(frozen=True)
+class Links:
+    """Where the points of all source frames lie in one target frame. Axes: source frame, point."""
+
+    target: int
+    sources: npt.NDArray[np.int64]
+    """[source]: the source frames, all on one side of the target."""
+    xy: Field
+    """[source, point, 2]: positions in pixels of the fields' raster."""
+    variance: npt.NDArray[np.float32]
+    """[source, point]: accumulated squared error, units^2."""
+    occluded: npt.NDArray[np.bool_]
+    """[source, point]: hidden or outside the image; the position is then a guess."""
+
+
+def cycle_error(xy: Field, there: Field, backward: Field) -> npt.NDArray[np.float32]:
+    """Distance in pixels between `xy` and where `backward` leads from `there`. Shapes [..., 2]; result [...]."""
+    return np.linalg.norm(there + sample(backward, there) - xy, axis=-1)
+
+
+def sample(field: Field, xy: Field) -> Field:
+    """Bilinear look-up of `field` [h, w, c] at `xy` [source, point, 2], border values repeated."""
+    values = cv2.remap(field, np.ascontiguousarray(xy), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return values.reshape(*xy.shape[:-1], -1)
+
+
+def outside(xy: Field, height: int, width: int) -> npt.NDArray[np.bool_]:
+    """Whether positions lie outside the image [-0.5, W - 0.5] x [-0.5, H - 0.5]."""
+    x, y = xy[..., 0], xy[..., 1]
+    return (x < -0.5) | (x > width - 0.5) | (y < -0.5) | (y > height - 0.5)
+
+
+def link(
+    points: Field, field: FieldLookup, intervals: tuple[int, ...], cycle_threshold: float, max_gap: int, step: int
+) -> Iterator[Links]:
+    """Carries the points of every frame through the clip in one direction.
+
+    Args:
+        points: [frame, point, 2], positions in pixels of the fields' raster, in each frame.
+        field: `field(i, j)` is the flow from frame i to frame j, [h, w, 2].
+        intervals: the gaps for which `field` can be asked.
+        cycle_threshold: cycle error in units above which a hop ends on a hidden place.
+        max_gap: longest gap between source and target.
+        step: +1 to go forward in time, -1 backward.
+
+    Yields: `Links` for each target frame that has sources, in the order of travel.
+    """
+    frames = len(points)
+    order = range(frames) if step > 0 else range(frames - 1, -1, -1)
+    reached: dict[int, _State] = {}
+    for target in order:
+        count = 0
+        best = None
+        for gap in sorted(intervals):
+            origin = target - gap * step
+            if origin not in reached:
+                continue
+            best = _better(best, _hop(reached[origin], field(origin, target), field(target, origin), cycle_threshold))
+        own = _State(
+            np.array([target]),
+            points[target][None].astype(np.float32),
+            np.zeros((1, points.shape[1]), np.float32),
+            np.zeros((1, points.shape[1]), np.bool_),
+        )
+        if best is not None:
+            best = best.keep(np.abs(best.sources - target) <= max_gap)
+            count = len(best.sources)
+        if best is not None and count:
+            yield Links(target, best.sources, best.xy, best.variance, best.occluded)
+            own = best.joined(own)
+        reached[target] = own
+        for origin in [frame for frame in reached if abs(frame - target) >= max(intervals)]:
+            del reached[origin]
+
+
+@dataclass(frozen=True)
+class _State:
+    """The points of several source frames as they lie in one frame."""
+
+    sources: npt.NDArray[np.int64]
+    xy: Field
+    variance: npt.NDArray[np.float32]
+    occluded: npt.NDArray[np.bool_]
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> _State:
+        return _State(self.sources[which], self.xy[which], self.variance[which], self.occluded[which])
+
+    def joined(self, other: _State) -> _State:
+        return _State(
+            np.concatenate([self.sources, other.sources]),
+            np.concatenate([self.xy, other.xy]),
+            np.concatenate([self.variance, other.variance]),
+            np.concatenate([self.occluded, other.occluded]),
+        )
+
+
+def _hop(state: _State, forward: Field, backward: Field, cycle_threshold: float) -> _State:
+    there = state.xy + sample(forward, state.xy)
+    height, width = forward.shape[:2]
+    gone = outside(there, height, width)
+    units = cycle_error(state.xy, there, backward) * (256 / max(height, width))
+    error = np.where(gone, CYCLE_LIMIT, units)
+    variance = state.variance + HOP_VARIANCE + CYCLE_SHARE * np.minimum(error, CYCLE_LIMIT) ** 2
+    return _State(
+        state.sources,
+        there,
+        variance.astype(np.float32),
+        state.occluded | gone | (error > cycle_threshold),
+    )
+
+
+def _better(best: _State | None, other: _State) -> _State:
+    """Point by point the cheaper of two states; `other`, from a longer hop, may lack the latest sources."""
+    if best is None:
+        return other
+    count = len(other.sources)
+    cheaper = other.variance + OCCLUSION_COST * other.occluded < (
+        best.variance[:count] + OCCLUSION_COST * best.occluded[:count]
+    )
+    xy, variance, occluded = best.xy.copy(), best.variance.copy(), best.occluded.copy()
+    xy[:count][cheaper] = other.xy[cheaper]
+    variance[:count][cheaper] = other.variance[cheaper]
+    occluded[:count][cheaper] = other.occluded[cheaper]
+    return _State(best.sources, xy, variance, occluded)

@@ -1,0 +1,73 @@
+"""The pool: correspondences from points of every frame to every other frame, with confidence, on disk.
+
+Folder format, each array a `.npy` file that is memory-mapped when read (`docs/formats.md`):
+    points      float32 [T, P, 2]       where the points are, pixels of the clip; a jittered grid of rows x columns
+    targets     float32 [T, T, P, 2]    targets[i, j, p]: where point p of frame i lies in frame j, pixels
+    confidence  uint8   [T, T, P]       255: certain; 0: hidden, outside or unknown
+    rgb         uint8   [T, P, 3]       the clip's colour there
+    feature     float16 [T, P, C]       the dense feature there, unit norm; C may be 0
+    moving      uint8   [T, P]          1 on what moves relative to the static scene
+    camera      float32 [T, 2, 3]       affine map from frame to frame 0, normalised coordinates
+    object      float32 [T, 2, 3]       the same for what moves
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Memory-mapped arrays; see the module's docstring for shapes and units."""
+
+    points: npt.NDArray[np.float32]
+    targets: npt.NDArray[np.float32]
+    confidence: npt.NDArray[np.uint8]
+    rgb: npt.NDArray[np.uint8]
+    feature: npt.NDArray[np.float16]
+    moving: npt.NDArray[np.uint8]
+    camera: npt.NDArray[np.float32]
+    object: npt.NDArray[np.float32]
+
+    @property
+    def num_frames(self) -> int:
+        """T."""
+        return self.points.shape[0]
+
+    @property
+    def num_points(self) -> int:
+        """P, points of each frame."""
+        return self.points.shape[1]
+
+    @property
+    def feature_size(self) -> int:
+        """C."""
+        return self.feature.shape[-1]
+
+
+def open_pool(folder: Path) -> Pool:
+    """Opens a finished pool without loading it."""
+    return Pool(**{field.name: np.load(folder / f"{field.name}.npy", mmap_mode="r") for field in fields(Pool)})
+
+
+def grid_shape(height: int, width: int, count: int) -> tuple[int, int]:
+    """Rows and columns of a grid of about `count` cells that are nearly square."""
+    rows = max(1, round((count * height / width) ** 0.5))
+    return rows, max(1, round(count / rows))
+
+
+def jittered_grid(
+    frames: int, height: int, width: int, count: int, random: np.random.Generator
+) -> npt.NDArray[np.float32]:
+    """[frame, point, 2]: one random position in each cell of a grid over the image, row by row, in pixels."""
+    rows, columns = grid_shape(height, width, count)
+    cell_y, cell_x = np.mgrid[:rows, :columns].astype(np.float32)
+    offset = random.random((frames, rows, columns, 2), dtype=np.float32)
+    x = (cell_x + offset[..., 0]) * (width / columns) - 0.5
+    y = (cell_y + offset[..., 1]) * (height / rows) - 0.5
+    inside = [np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)]
+    return np.stack(inside, axis=-1).reshape(frames, -1, 2).astype(np.float32)

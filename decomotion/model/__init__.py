@@ -1,0 +1,1 @@
+"""The model: transforms, fields, volumes and their fusion."""

@@ -1,0 +1,222 @@
+"""DecoMotion's model: a static and a dynamic volume, rendered alone and fused (paper, Sec. 3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float, Int
+from torch import Generator, Tensor, nn
+
+from decomotion.compositing import composite, composite_weights, fused_weights
+from decomotion.config import ModelConfig
+from decomotion.geometry import ImagePlane
+from decomotion.model.field import build_field
+from decomotion.model.frame_code import build_frame_code
+from decomotion.model.volume import Conditioning, Matter, Volume
+from decomotion.rays import lift, sample_depths
+
+
+class PairConditioning(NamedTuple):
+    """Conditioning of both volumes for the same frames."""
+
+    static: Conditioning
+    dynamic: Conditioning
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Ray samples of both volumes at some pixels of some frames. Local positions are normalised."""
+
+    depths: Float[Tensor, "batch point sample"]
+    static_canonical: Float[Tensor, "batch point sample 3"]
+    dynamic_canonical: Float[Tensor, "batch point sample 3"]
+    static: Matter
+    dynamic: Matter
+    fused_static: Float[Tensor, "batch point sample"]
+    """The static volume's share of each sample's weight after fusion."""
+    fused_dynamic: Float[Tensor, "batch point sample"]
+    """The dynamic volume's."""
+
+    @property
+    def opacity(self) -> Float[Tensor, "batch point"]:
+        """Total weight of the fused ray, at most 1."""
+        return (self.fused_static + self.fused_dynamic).sum(-1)
+
+    @property
+    def static_confidence(self) -> Float[Tensor, "batch point"]:
+        """Share of the fused weight that is static: the rendered motion mask, 1 on the static scene."""
+        return self.fused_static.sum(-1) / self.opacity.clamp_min(1e-6)
+
+    def fused_colour(self) -> Float[Tensor, "batch point 3"]:
+        """C_cb: colour of the fused volume."""
+        return composite(self.fused_static, self.static.colour) + composite(self.fused_dynamic, self.dynamic.colour)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model says of a batch of correspondences. Positions in pixels, colours in [0, 1]."""
+
+    static_xy: Float[Tensor, "pair point 2"]
+    dynamic_xy: Float[Tensor, "pair point 2"]
+    fused_xy: Float[Tensor, "pair point 2"]
+    static_rgb: Float[Tensor, "pair point 3"]
+    dynamic_rgb: Float[Tensor, "pair point 3"]
+    fused_rgb: Float[Tensor, "pair point 3"]
+    dynamic_feature: Float[Tensor, "pair point feature"]
+    static_confidence: Float[Tensor, "pair point"]
+    depths: Float[Tensor, "pair point sample"]
+    static_weights: Float[Tensor, "pair point sample"]
+    """Of the static volume alone."""
+    dynamic_weights: Float[Tensor, "pair point sample"]
+    """Of the dynamic volume alone."""
+    static_depths: Float[Tensor, "pair point sample"]
+    """Pseudo-depth in the target frame of each static sample."""
+    dynamic_depths: Float[Tensor, "pair point sample"]
+    """Pseudo-depth in the target frame of each dynamic sample."""
+    acceleration: Float[Tensor, "pair point sample 3"]
+    """Second difference over neighbouring frames of each dynamic sample's local position, normalised units."""
+
+
+class DecoMotion(nn.Module):
+    """The fused model of one clip.
+
+    Args:
+        config: sizes.
+        plane: the clip's raster.
+        starts: `(static, dynamic)`, each [frame, 3, 4], affine maps from local to canonical space to begin with.
+        feature_size: channels of the rendered feature; 0: none.
+    """
+
+    def __init__(
+        self,
+        config: ModelConfig,
+        plane: ImagePlane,
+        starts: tuple[Float[Tensor, "frame 3 4"], Float[Tensor, "frame 3 4"]],
+        feature_size: int,
+    ) -> None:
+        super().__init__()
+        self.config = config
+        self.plane = plane
+        self.num_frames = len(starts[0])
+        self.feature_size = feature_size
+        self.frame_code = build_frame_code(config.frame_code, self.num_frames)
+        extents = [canonical_extent(start, plane) for start in starts]
+        size = config.frame_code.size
+        self.static = Volume(config.static, size, starts[0], extents[0])
+        self.dynamic = Volume(config.dynamic, size, starts[1], extents[1])
+        self.feature_field = build_field(config.feature_field, extents[1]) if feature_size else None
+        self.feature_head = nn.Linear(config.feature_field.width, feature_size) if feature_size else None
+
+    def condition(self, frames: Int[Tensor, " frame"]) -> PairConditioning:
+        """Conditioning of both volumes for `frames`: once per frame, whatever the number of points."""
+        codes = self.frame_code()
+        return PairConditioning(self.static.condition(codes, frames), self.dynamic.condition(codes, frames))
+
+    def cast(
+        self,
+        xy: Float[Tensor, "batch point 2"],
+        conditioning: PairConditioning,
+        frame: Int[Tensor, " batch"] | None = None,
+        generator: Generator | None = None,
+    ) -> Rays:
+        """Samples the rays through pixels `xy`; stratified where a `generator` is given."""
+        config = self.config
+        batch, points = xy.shape[:2]
+        depths = sample_depths(xy, config.samples, config.near, config.far, generator)
+        depths = depths.expand(batch, points, config.samples)
+        local = lift(self.plane.normalise(xy), depths).flatten(1, 2)
+        shape = (batch, points, config.samples, 3)
+        u = self.static.to_canonical(local, conditioning.static, frame).reshape(shape)
+        v = self.dynamic.to_canonical(local, conditioning.dynamic, frame).reshape(shape)
+        static, dynamic = self.static.matter(u), self.dynamic.matter(v)
+        weights = fused_weights(static.density, dynamic.density, static.confidence)
+        return Rays(depths, u, v, static, dynamic, weights.static, weights.dynamic)
+
+    def predict(
+        self,
+        xy: Float[Tensor, "pair point 2"],
+        frame: Int[Tensor, " pair"],
+        target_frame: Int[Tensor, " pair"],
+        generator: Generator,
+        smooth_points: int | None = None,
+    ) -> Prediction:
+        """Everything that the losses look at, for points `xy` of `frame` and where they are in `target_frame`.
+
+        The acceleration is computed for the first `smooth_points` of each pair; None: for all.
+        """
+        middle = frame.clamp(1, max(1, self.num_frames - 2))
+        needed, rows = torch.unique(torch.cat([frame, target_frame, middle - 1, middle, middle + 1]), return_inverse=True)
+        conditioning = self.condition(needed.clamp(max=self.num_frames - 1))
+        here, there, *around = (
+            PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
+        )
+        rays = self.cast(xy, here, generator=generator)
+        shape = rays.static_canonical.shape
+        u = self.static.from_canonical(rays.static_canonical.flatten(1, 2), there.static).reshape(shape)
+        v = self.dynamic.from_canonical(rays.dynamic_canonical.flatten(1, 2), there.dynamic).reshape(shape)
+        alone_static = composite_weights(rays.static.density)
+        alone_dynamic = composite_weights(rays.dynamic.density)
+        fused = composite(rays.fused_static, u) + composite(rays.fused_dynamic, v)
+        return Prediction(
+            static_xy=self._project(composite(alone_static, u), alone_static.sum(-1)),
+            dynamic_xy=self._project(composite(alone_dynamic, v), alone_dynamic.sum(-1)),
+            fused_xy=self._project(fused, rays.opacity),
+            static_rgb=composite(alone_static, rays.static.colour),
+            dynamic_rgb=composite(alone_dynamic, rays.dynamic.colour),
+            fused_rgb=rays.fused_colour(),
+            dynamic_feature=self._render_feature(alone_dynamic, rays.dynamic_canonical),
+            static_confidence=rays.static_confidence,
+            depths=rays.depths,
+            static_weights=alone_static,
+            dynamic_weights=alone_dynamic,
+            static_depths=u[..., 2],
+            dynamic_depths=v[..., 2],
+            acceleration=self._acceleration(rays.dynamic_canonical[:, :smooth_points], around),
+        )
+
+    def _project(
+        self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 2"]:
+        xy = local[..., :2]
+        if self.config.normalise_weights:
+            xy = xy / opacity[..., None].clamp_min(1e-3)
+        return self.plane.to_pixels(xy)
+
+    def _render_feature(
+        self, weights: Float[Tensor, "*batch sample"], canonical: Float[Tensor, "*batch sample 3"]
+    ) -> Float[Tensor, "*batch feature"]:
+        """Paper, Eq. 3. The head is linear, so it is applied after compositing: the same sum, a sample's cost."""
+        if self.feature_field is None or self.feature_head is None:
+            return weights.new_zeros((*weights.shape[:-1], 0))
+        hidden = self.feature_field(canonical.reshape(-1, 3)).reshape(*canonical.shape[:-1], -1)
+        return (
+            composite(weights, hidden) @ self.feature_head.weight.T
+            + weights.sum(-1, keepdim=True) * self.feature_head.bias
+        )
+
+    def _acceleration(
+        self, canonical: Float[Tensor, "pair point sample 3"], around: list[PairConditioning]
+    ) -> Float[Tensor, "pair point sample 3"]:
+        """x_{i-1} + x_{i+1} - 2 x_i of the dynamic samples; at the clip's ends, about the nearest inner frame."""
+        if self.num_frames < 3:
+            return torch.zeros_like(canonical)
+        flat = canonical.flatten(1, 2)
+        before, at, after = (self.dynamic.from_canonical(flat, conditioning.dynamic) for conditioning in around)
+        return (before + after - 2 * at).reshape(canonical.shape)
+
+
+def canonical_extent(start: Float[Tensor, "frame 3 4"], plane: ImagePlane) -> Float[Tensor, "3"]:
+    """Half the size of a box about the origin that holds all frames' volumes under their starting maps."""
+    side = plane.pixels_per_unit
+    half = start.new_tensor([plane.width / 2 / side, plane.height / 2 / side, 1.0])
+    signs = torch.cartesian_prod(*[start.new_tensor([-1.0, 1.0])] * 3)
+    corners = signs * half
+    mapped = corners @ start[..., :3].transpose(-1, -2) + start[:, None, :, 3]
+    return (mapped.abs().amax(dim=(0, 1)) * 1.05).clamp(max=MAX_EXTENT)
+
+
+MAX_EXTENT = 8.0
+"""Canonical boxes end here, in image half-widths: a camera that pans farther reuses the border's cells."""
+

@@ -1,0 +1,103 @@
+"""Answers: where a query point is in other frames, and whether it is hidden there.
+
+A query's ray is composited once. The point that is carried to the other frames is the surface that the ray meets, in
+canonical space, of the volume that owns the pixel; position and occlusion of all frames follow from that one point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from decomotion.compositing import composite
+from decomotion.model.fusion import DecoMotion, PairConditioning, Rays
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The visible surface at some pixels."""
+
+    canonical: Float[Tensor, "batch point 3"]
+    """In the canonical space of the volume that owns the pixel."""
+    is_static: Tensor
+    """[batch, point] bool: which volume that is."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Where points are and whether they are hidden. Axes: query, frame."""
+
+    xy: Float[Tensor, "query frame 2"]
+    """Pixels, inside or outside the image."""
+    occlusion: Float[Tensor, "query frame"]
+    """Score in [0, 1]; 0.5 where the cycle error is the configured scale."""
+
+
+def surface_of(rays: Rays) -> Surface:
+    """The surface that each ray meets.
+
+    The volume with the larger share of the fused weight owns the pixel; its samples are averaged by weight. Averaging
+    over both volumes, as in training, would put points of an object's outline between the object and the scene.
+    """
+    static, dynamic = rays.fused_static.sum(-1, keepdim=True), rays.fused_dynamic.sum(-1, keepdim=True)
+    u = composite(rays.fused_static / static.clamp_min(1e-6), rays.static_canonical)
+    v = composite(rays.fused_dynamic / dynamic.clamp_min(1e-6), rays.dynamic_canonical)
+    is_static = static >= dynamic
+    return Surface(torch.where(is_static, u, v), is_static[..., 0])
+
+
+def carry(
+    model: DecoMotion,
+    surface: Surface,
+    conditioning: PairConditioning,
+    frame: Int[Tensor, " batch"] | None = None,
+) -> Float[Tensor, "batch point 2"]:
+    """Pixels at which surface points lie in the frames of `conditioning` (row by row, or row `frame`)."""
+    u = model.static.from_canonical(surface.canonical, conditioning.static, frame)
+    v = model.dynamic.from_canonical(surface.canonical, conditioning.dynamic, frame)
+    return model.plane.to_pixels(torch.where(surface.is_static[..., None], u, v)[..., :2])
+
+
+def answer(
+    model: DecoMotion,
+    conditioning: PairConditioning,
+    rays: Rays,
+    query_xy: Float[Tensor, "query 2"],
+    query_frame: Int[Tensor, " query"],
+    frames: Int[Tensor, " frame"],
+) -> Answer:
+    """Tracks of query points through `frames`.
+
+    Occlusion is the model's own cycle error: the surface that is seen at the point's place in the target frame is
+    carried back to the query's frame; it is the same point if it returns to where the query was.
+
+    Args:
+        model: the fused model.
+        conditioning: of all frames of the clip.
+        rays: the queries' own rays, [query, 1, sample].
+        query_xy: pixels.
+        query_frame: the frame of each query.
+        frames: the target frames.
+    """
+    surface = surface_of(rays)
+    targets = PairConditioning(conditioning.static.take(frames), conditioning.dynamic.take(frames))
+    shape = (len(frames), len(query_xy))
+    repeated = Surface(
+        surface.canonical[:, 0].expand(*shape, 3),
+        surface.is_static[:, 0].expand(shape),
+    )
+    there = carry(model, repeated, targets)
+
+    plane = model.plane
+    last = there.new_tensor([plane.width - 1.0, plane.height - 1.0])
+    inside = torch.minimum(there.clamp_min(0.0), last)
+    gone = ((there < -0.5) | (there > last + 0.5)).any(-1)
+    seen = surface_of(model.cast(inside, targets))
+    swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
+    back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
+    error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
+    occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
+    return Answer(there.transpose(0, 1), occlusion.transpose(0, 1))

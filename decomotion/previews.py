@@ -1,0 +1,47 @@
+"""Preview pictures of a fit: what the model renders of one frame, layer by layer."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from decomotion.compositing import composite, composite_weights
+from decomotion.model.fusion import DecoMotion
+
+SIDE = 128
+"""Longer side of a preview in pixels."""
+
+
+@torch.no_grad()
+def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArray[np.uint8]:
+    """Fused colour, static scene, dynamic objects, static confidence and pseudo-depth, side by side.
+
+    Returns RGB [h, 5 * w, 3].
+    """
+    device = next(model.parameters()).device
+    plane = model.plane
+    scale = min(1.0, side / max(plane.height, plane.width))
+    height, width = max(1, round(plane.height * scale)), max(1, round(plane.width * scale))
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    xy = (torch.stack([x, y], dim=-1).float() + 0.5) / scale - 0.5
+    conditioning = model.condition(torch.tensor([frame], device=device))
+    rows = []
+    for chunk in xy.reshape(1, -1, 2).to(device).split(4096, dim=1):
+        rays = model.cast(chunk, conditioning)
+        weights = rays.fused_static + rays.fused_dynamic
+        depth = (composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]) / model.config.far
+        confidence = rays.static_confidence[..., None]
+        dynamic = composite(composite_weights(rays.dynamic.density), rays.dynamic.colour)
+        static = composite(composite_weights(rays.static.density), rays.static.colour)
+        objects = dynamic * (1 - confidence) + confidence
+        layers = [rays.fused_colour(), static, objects, confidence.expand_as(static), depth.expand_as(static)]
+        rows.append(torch.stack(layers, dim=2))
+    picture = torch.cat(rows, dim=1).clamp(0, 1).reshape(height, width, 5, 3)
+    return (picture.permute(0, 2, 1, 3).reshape(height, 5 * width, 3) * 255).round().byte().cpu().numpy()
+
+
+def to_png(picture: npt.NDArray[np.uint8]) -> bytes:
+    """Encodes RGB [h, w, 3]."""
+    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()

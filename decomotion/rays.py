@@ -1,0 +1,30 @@
+"""Orthographic rays: where on a pixel's ray the volumes are evaluated."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Generator, Tensor
+
+
+def sample_depths(
+    like: Float[Tensor, "*batch 2"], samples: int, near: float, far: float, generator: Generator | None = None
+) -> Float[Tensor, "*batch sample"]:
+    """Pseudo-depths of the ray samples, ascending: one in each of `samples` equal bins of [near, far].
+
+    Stratified (uniform in its bin) where a `generator` is given, as in training; the bins' centres otherwise.
+    """
+    bins = torch.arange(samples, dtype=like.dtype, device=like.device)
+    if generator is None:
+        offset = torch.full_like(like[..., :1], 0.5)
+    else:
+        offset = torch.rand((*like.shape[:-1], samples), dtype=like.dtype, device=like.device, generator=generator)
+    return near + (bins + offset) * ((far - near) / samples)
+
+
+def lift(
+    xy: Float[Tensor, "*batch 2"], depths: Float[Tensor, "*batch sample"]
+) -> Float[Tensor, "*batch sample 3"]:
+    """Local 3D points on the orthographic rays of normalised positions `xy` (x and y do not change along a ray)."""
+    samples = depths.shape[-1]
+    return torch.cat([xy[..., None, :].expand(*xy.shape[:-1], samples, 2), depths[..., None]], dim=-1)

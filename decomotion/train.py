@@ -1,0 +1,281 @@
+"""The fit: sample pairs -> predict -> losses -> step -> log."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from tqdm import tqdm
+
+from decomotion import checkpoint, previews
+from decomotion.checkpoint import ClipFacts
+from decomotion.clip import Clip, read_clip
+from decomotion.config import Config
+from decomotion.config import load as load_config
+from decomotion.data.batch import Batch, Sampler
+from decomotion.data.pool import Pool
+from decomotion.data.prepare import prepare
+from decomotion.errors import CheckpointError, ConfigError, TrainingError
+from decomotion.files import replacing
+from decomotion.geometry import ImagePlane
+from decomotion.losses import LOSSES
+from decomotion.model.fusion import DecoMotion
+from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a run is over: after `steps`, or after `seconds` of wall time, preparation included."""
+
+    steps: int
+    seconds: float | None = None
+
+    def progress(self, step: int, elapsed: float) -> float:
+        """Fraction of the run that is done."""
+        return step / self.steps if self.seconds is None else min(1.0, elapsed / self.seconds)
+
+
+def fit(
+    clip: Clip | str | Path,
+    out: str | Path | None = None,
+    *,
+    config: Config | None = None,
+    steps: int | None = None,
+    time_budget: float | None = None,
+    resume: bool = False,
+    rebuild_cache: bool = False,
+    seed: int = 0,
+    device: str = "auto",
+    progress: bool = True,
+) -> Path:
+    """Fits one model to one clip.
+
+    Args:
+        clip: a clip, or the path of one (`decomotion.clip.read_clip`).
+        out: the run's folder; default `runs/<clip name>`.
+        config: the configuration; default: the `cpu` preset, or `paper` where there is a CUDA device.
+        steps: number of optimisation steps; default: the configuration's.
+        time_budget: seconds that the whole call may take; the schedules are fitted to it. Excludes `steps`.
+        resume: continue the run in `out`, with its own configuration and seed.
+        rebuild_cache: prepare the supervision anew.
+        seed: seed of everything random.
+        device: `auto`, `cpu`, `cuda` or any name torch knows.
+        progress: show a progress bar.
+
+    Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
+
+    Raises: `ClipError`, `SupervisionError`, `CheckpointError`; `TrainingError` where a loss is not a number.
+    """
+    begin = time.monotonic()
+    clip = clip if isinstance(clip, Clip) else read_clip(clip)
+    folder = Path(out) if out is not None else Path("runs") / clip.name
+    where = torch.device(choose_device(device))
+    if resume:
+        run = _resumed(folder, clip, where)
+    else:
+        config = config or load_config("paper" if where.type == "cuda" else "cpu")
+        run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
+    budget = Budget(run.config.optim.steps if steps is None else steps, time_budget)
+    run.loop(budget, begin, progress)
+    return folder
+
+
+def choose_device(name: str) -> str:
+    """The device that `name` means; `auto` is CUDA where there is one."""
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if name.startswith("cuda") and not torch.cuda.is_available():
+        raise ConfigError("--device cuda was asked for but torch sees no CUDA device; use --device cpu or auto")
+    return name
+
+
+def _fresh(
+    folder: Path, clip: Clip, config: Config, device: torch.device, seed: int, rebuild: bool, progress: bool
+) -> Run:
+    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress)
+    torch.manual_seed(seed)
+    plane = ImagePlane(clip.height, clip.width)
+    starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
+    model = DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
+    folder.mkdir(parents=True, exist_ok=True)
+    with replacing(folder / "config.yaml") as file:
+        file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+    return Run(folder, ClipFacts.of(clip), config, model, pool, seed)
+
+
+def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
+    saved = checkpoint.load(folder / checkpoint.FILE_NAME, device)
+    if saved.clip.digest != clip.digest():
+        raise CheckpointError(
+            f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
+            f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
+        )
+    run = Run(folder, saved.clip, saved.config, saved.model, prepare(clip, saved.config.data), saved.training["seed"])
+    run.restore(saved.training)
+    return run
+
+
+def start_maps(kind: str, pool: Pool) -> torch.Tensor:
+    """Affine maps from local to canonical space that a volume starts with, [frame, 3, 4]."""
+    maps = torch.eye(3, 4).repeat(pool.num_frames, 1, 1)
+    if kind != "identity":
+        planar = torch.from_numpy((pool.camera if kind == "camera" else pool.object).copy())
+        maps[:, :2, :2] = planar[..., :2]
+        maps[:, :2, 3] = planar[..., 2]
+    return maps
+
+
+class Run:
+    """One optimisation: model, optimiser and sampler, and where they are saved."""
+
+    def __init__(
+        self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int
+    ) -> None:
+        self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
+        self.sampler = Sampler(pool, config.optim)
+        self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
+        self.step = 0
+        self.elapsed = 0.0
+        self.device = next(model.parameters()).device
+
+    def restore(self, training: dict[str, Any]) -> None:
+        """Continues where `training`, written by `save`, was."""
+        self.optimiser.load_state_dict(training["optimiser"])
+        self.sampler.errors.copy_(training["errors"])
+        self.step, self.elapsed = training["step"], training["elapsed"]
+
+    def save(self) -> None:
+        """Writes the checkpoint."""
+        training = {
+            "optimiser": self.optimiser.state_dict(),
+            "errors": self.sampler.errors,
+            "step": self.step,
+            "elapsed": self.elapsed,
+            "seed": self.seed,
+        }
+        checkpoint.save(self.folder / checkpoint.FILE_NAME, self.config, self.clip, self.model, training)
+
+    def loop(self, budget: Budget, begin: float, progress: bool) -> None:
+        """Optimises until the budget is spent; saves on the way, on Ctrl-C and at the end."""
+        from torch.utils.tensorboard import SummaryWriter
+
+        begin -= self.elapsed
+        writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.step)
+        saved = shown = time.monotonic()
+        pictures = 0
+        bar = tqdm(total=100, desc="fit", disable=not progress, bar_format="{desc} {percentage:3.0f}%|{bar}| {postfix}")
+        try:
+            while (done := budget.progress(self.step, self.elapsed)) < 1:
+                losses = self.optimise(done)
+                self.step += 1
+                now = time.monotonic()
+                self.elapsed = now - begin
+                if self.step % self.config.log.scalars_every == 0:
+                    for name, value in losses.items():
+                        writer.add_scalar(f"loss/{name}", value, self.step)
+                if now - shown > 1:
+                    shown = now
+                    _show(bar, done, self.step, self.elapsed, losses)
+                if done * self.config.log.previews >= pictures + 1:
+                    pictures += 1
+                    self.preview(writer)
+                if now - saved > self.config.log.checkpoint_seconds:
+                    self.save()
+                    saved = time.monotonic()
+        except KeyboardInterrupt:
+            log.info("interrupted at step %d; continue with decomo-train --resume --out %s", self.step, self.folder)
+            raise
+        finally:
+            self.save()
+            writer.close()
+            bar.close()
+        self.preview(None)
+
+    def optimise(self, progress: float) -> dict[str, float]:
+        """One step; returns the unweighted losses."""
+        optim = self.config.optim
+        generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
+        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
+        depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + self.step)
+        weights = {name: value_at(weight, progress) for name, weight in self.config.loss.items()}
+        factor = learning_rate_factor(optim, progress)
+        for group in self.optimiser.param_groups:
+            group["lr"] = group["base_lr"] * factor
+
+        self.optimiser.zero_grad(set_to_none=True)
+        totals = dict.fromkeys(weights, 0.0)
+        size = optim.micro_batch or optim.pairs
+        for first in range(0, optim.pairs, size):
+            part = batch.pairs(first, first + size)
+            share = len(part.frame) / optim.pairs
+            values = self.accumulate(part, weights, share, depth_generator)
+            for name, value in values.items():
+                totals[name] += share * value
+        self.optimiser.step()
+        return totals
+
+    def accumulate(
+        self, batch: Batch, weights: dict[str, float], share: float, generator: torch.Generator
+    ) -> dict[str, float]:
+        """Adds the gradients of one part of a batch, which makes up `share` of it; returns its losses."""
+        near = batch.to(self.device)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.optim.autocast == "bf16"):
+            smooth_points = round(self.config.optim.smooth_share * near.xy.shape[1])
+            prediction = self.model.predict(near.xy, near.frame, near.target_frame, generator, smooth_points)
+        losses = {name: LOSSES[name](prediction, near) for name, weight in weights.items() if weight > 0}
+        values = {name: float(loss.detach()) for name, loss in losses.items()}
+        for name, value in values.items():
+            if value != value or value in (float("inf"), float("-inf")):
+                raise TrainingError(self._failure(name, batch))
+        sum(share * weights[name] * loss for name, loss in losses.items()).backward()  # type: ignore[union-attr]
+        with torch.no_grad():
+            error = (prediction.fused_xy - near.target_xy).norm(dim=-1)
+        self.sampler.note_errors(batch, error.cpu())
+        return values
+
+    def _failure(self, name: str, batch: Batch) -> str:
+        path = self.folder / "failed_batch.pt"
+        with replacing(path) as temporary:
+            torch.save(batch.__dict__, temporary)
+        return (
+            f"loss {name} is not a number at step {self.step}; the batch is in {path}; "
+            "lower the learning rates (--set optim.lr_transform=…) or look at the clip's supervision"
+        )
+
+    def preview(self, writer: Any) -> None:
+        """Writes a picture of the clip's middle frame, layer by layer."""
+        picture = previews.render_layers(self.model, self.pool.num_frames // 2)
+        with replacing(self.folder / "previews" / f"{self.step:06d}.png") as file:
+            file.write_bytes(previews.to_png(picture))
+        if writer is not None:
+            writer.add_image("layers", picture, self.step, dataformats="HWC")
+
+
+def _parameter_groups(model: DecoMotion, config: Config) -> list[dict[str, Any]]:
+    groups: dict[str, list[torch.nn.Parameter]] = {"lr_field": [], "lr_transform": [], "lr_code": []}
+    for name, parameter in model.named_parameters():
+        if name.startswith("frame_code."):
+            groups["lr_code"].append(parameter)
+        elif ".affine." in name or ".couplings." in name:
+            groups["lr_transform"].append(parameter)
+        else:
+            groups["lr_field"].append(parameter)
+    return [
+        {"params": parameters, "lr": getattr(config.optim, key), "base_lr": getattr(config.optim, key)}
+        for key, parameters in groups.items()
+    ]
+
+
+def _show(bar: Any, done: float, step: int, elapsed: float, losses: dict[str, float]) -> None:
+    bar.n = round(100 * done)
+    left = elapsed / max(done, 1e-6) - elapsed
+    shown = "  ".join(f"{name} {value:.3f}" for name, value in losses.items() if name.startswith("flow") and value)
+    bar.set_postfix_str(f"step {step}  {step / max(elapsed, 1e-6):.1f}/s  {left / 60:.1f} min left  {shown}")
+

@@ -1,0 +1,36 @@
+"""Scoring of point tracks against TAP-Vid ground truth: numpy, OpenCV and click, no torch.
+
+    report = decomo_eval.evaluate("tapvid_davis.pkl", models="models/", query_mode="strided")
+    report.mean["average_jaccard"]
+
+Nothing is loaded before a name is used, so that `decomo-eval --help` is instant.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from decomo_eval.metrics import tapvid_metrics, temporal_coherence
+    from decomo_eval.scoring import Report, evaluate
+
+__all__ = ["Report", "evaluate", "tapvid_metrics", "temporal_coherence"]
+
+_HOMES = {
+    "Report": "decomo_eval.scoring",
+    "evaluate": "decomo_eval.scoring",
+    "tapvid_metrics": "decomo_eval.metrics",
+    "temporal_coherence": "decomo_eval.metrics",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Loads a public name's module at its first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,117 @@
+"""`decomo-eval`: a tracker's score on a TAP-Vid dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from decomo_eval.query_mode import QUERY_MODES, STRIDED
+from decomotion import console
+
+if TYPE_CHECKING:
+    from decomo_eval.scoring import Report
+
+_COLUMNS = (
+    ("AJ", "average_jaccard", 100, 1),
+    ("< delta_avg", "average_pts_within_thresh", 100, 1),
+    ("OA", "occlusion_accuracy", 100, 1),
+    ("TC px", "temporal_coherence", 1, 2),
+)
+"""Heading, metric, factor and decimals of the printed table."""
+
+
+@click.group()
+def cli() -> None:
+    """Score point tracks against ground truth."""
+
+
+@cli.command(context_settings={"show_default": True})
+@click.argument("dataset", type=click.Path(path_type=Path))
+@click.option(
+    "--models",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder of <video>.onnx, one fitted model a video.",
+)
+@click.option(
+    "--predictions",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder of <video>.npz, answers of any tracker to the same queries.",
+)
+@click.option(
+    "--query-mode",
+    type=click.Choice(QUERY_MODES),
+    default=STRIDED,
+    help="Query every fifth frame, or each point where it is first visible.",
+)
+@click.option("--videos", metavar="A,B", help="Score these videos only.  [default: all that have a file]")
+@click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Write all metrics there.")
+def tapvid(
+    dataset: Path,
+    models: Path | None,
+    predictions: Path | None,
+    query_mode: str,
+    videos: str | None,
+    json_path: Path | None,
+) -> None:
+    """Score models or predictions on DATASET, a TAP-Vid pickle; distances are pixels at 256x256."""
+    import json
+
+    from decomo_eval.scoring import evaluate
+    from decomotion.files import replacing
+
+    names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
+    report = evaluate(dataset, models, predictions, query_mode, names)
+    click.echo(_table(report))
+    for line in _remarks(report):
+        click.echo(line)
+    if json_path is not None:
+        with replacing(json_path) as temporary:
+            temporary.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    click.echo(_summary(report))
+    if json_path is not None:
+        click.echo(f"wrote {json_path}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command; returns the exit code."""
+    return console.run(cli, argv)
+
+
+def _table(report: Report) -> str:
+    rows = [*report.videos.items(), ("mean", report.mean)]
+    width = max(len(name) for name, _ in rows)
+    head = " " * width + "".join(f"  {title:>11}" for title, *_ in _COLUMNS)
+    lines = [f"{name:<{width}}" + "".join(f"  {cell:>11}" for cell in _cells(metrics)) for name, metrics in rows]
+    return "\n".join([head, *lines])
+
+
+def _cells(metrics: Mapping[str, float]) -> list[str]:
+    """A `-` where the metric is undefined."""
+    values = [(metrics[name] * factor, decimals) for _, name, factor, decimals in _COLUMNS]
+    return ["-" if math.isnan(value) else f"{value:.{decimals}f}" for value, decimals in values]
+
+
+def _remarks(report: Report) -> list[str]:
+    remarks = []
+    if report.missing:
+        remarks.append(f"not scored, no file in the folder ({len(report.missing)}): {', '.join(report.missing)}")
+    if report.undefined:
+        remarks.append(
+            f"left out of the mean where -, no point to count ({len(report.undefined)}): {', '.join(report.undefined)}"
+        )
+    return remarks
+
+
+def _summary(report: Report) -> str:
+    scored, total = len(report.videos), len(report.videos) + len(report.missing)
+    aj, within, accuracy, coherence = _cells(report.mean)
+    return (
+        f"{report.query_mode}, mean over {scored} of {total} videos: "
+        f"AJ {aj}, < delta_avg {within}, OA {accuracy}, TC {coherence} px"
+    )

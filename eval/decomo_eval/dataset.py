@@ -1,0 +1,126 @@
+"""TAP-Vid's dataset file: a pickled dict (or list) of videos, each with `video`, `points` and `occluded`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomo_eval import safe_pickle
+from decomo_eval.errors import DatasetError
+
+_KEYS = ("video", "points", "occluded")
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """One video of a dataset with its true tracks, as the file has them."""
+
+    name: str
+    """Its key in the dataset; in a dataset that is a list, its position: "0", "1", ..."""
+    stored: npt.NDArray[np.uint8] | Sequence[bytes]
+    """uint8 [T, H, W, 3], or T JPEG or PNG files."""
+    height: int
+    """Of the stored frames."""
+    width: int
+    points: npt.NDArray[np.float64]
+    """[N, T, 2], (x, y) as fractions of width and height, 0..1 from edge to edge of the image."""
+    occluded: npt.NDArray[np.bool_]
+    """[N, T]; where True, the point's position means nothing."""
+
+    @property
+    def num_frames(self) -> int:
+        """T."""
+        return self.occluded.shape[1]
+
+    def frames(self) -> npt.NDArray[np.uint8]:
+        """The frames, RGB uint8 [T, H, W, 3]."""
+        if isinstance(self.stored, np.ndarray):
+            return self.stored
+        frames = [_decode(self.name, index, content) for index, content in enumerate(self.stored)]
+        for index, frame in enumerate(frames):
+            if frame.shape != frames[0].shape:
+                raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
+        return np.stack(frames)
+
+
+def read_dataset(path: str | Path) -> dict[str, Video]:
+    """Reads a TAP-Vid pickle (numpy 1 or 2) without executing anything in it; videos in the file's order.
+
+    Only the first frame of each video is decoded here, for its size. Raises `DatasetError`.
+    """
+    content = safe_pickle.load(path)
+    if isinstance(content, Mapping):
+        entries = {str(name): entry for name, entry in content.items()}
+    elif isinstance(content, list | tuple):
+        entries = {str(index): entry for index, entry in enumerate(content)}
+    else:
+        raise DatasetError(f"{path} holds a {type(content).__name__}; TAP-Vid's form is a dict or list of videos")
+    if not entries:
+        raise DatasetError(f"{path} holds no videos")
+    return {name: _read_video(path, name, entry) for name, entry in entries.items()}
+
+
+def _read_video(path: str | Path, name: str, entry: Any) -> Video:
+    where = f"video {name} of {path}"
+    if not isinstance(entry, Mapping) or any(key not in entry for key in _KEYS):
+        raise DatasetError(f"{where} lacks one of the keys {', '.join(_KEYS)} of TAP-Vid's form")
+    points = _numbers(where, "points", entry["points"])
+    occluded = _numbers(where, "occluded", entry["occluded"])
+    if points.ndim != 3 or points.shape[2] != 2 or occluded.shape != points.shape[:2]:
+        raise DatasetError(
+            f"{where} must have points [N, T, 2] and occluded [N, T], but they are {list(points.shape)} "
+            f"and {list(occluded.shape)}"
+        )
+    if not np.isin(occluded, (0, 1)).all():
+        raise DatasetError(f"{where} must have only true and false in occluded")
+    occluded = occluded.astype(bool)
+    _check_visible(where, points[~occluded])
+    stored = _check_stored(where, entry["video"], num_frames=occluded.shape[1])
+    height, width = (stored[0] if isinstance(stored, np.ndarray) else _decode(name, 0, stored[0])).shape[:2]
+    return Video(name, stored, height, width, points, occluded)
+
+
+def _numbers(where: str, key: str, value: Any) -> npt.NDArray[np.float64]:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"{where} must have an array of numbers as {key}") from error
+
+
+def _check_visible(where: str, points: npt.NDArray[np.float64]) -> None:
+    """Visible points may stand a little outside the image, but a point at 3 shows a file in pixels."""
+    if not np.isfinite(points).all():
+        raise DatasetError(f"{where} has visible points that are not finite")
+    if points.size and (points.min() < -1 or points.max() > 2):
+        raise DatasetError(
+            f"{where} must have points as fractions of width and height in 0..1, but they run from "
+            f"{points.min():g} to {points.max():g}; divide x by the width and y by the height"
+        )
+
+
+def _check_stored(where: str, stored: Any, num_frames: int) -> npt.NDArray[np.uint8] | list[bytes]:
+    frames: npt.NDArray[np.uint8] | list[bytes]
+    if isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.ndim == 4 and stored.shape[3] == 3:
+        frames = np.asarray(stored)
+    elif isinstance(stored, list | tuple) and all(isinstance(frame, bytes) for frame in stored):
+        frames = list(stored)
+    else:
+        raise DatasetError(f"{where} must have as video a uint8 array [T, H, W, 3] or a list of JPEG or PNG bytes")
+    if not len(frames) == num_frames > 0:
+        raise DatasetError(f"{where} must have as many frames as points and occluded, {num_frames}, not {len(frames)}")
+    return frames
+
+
+def _decode(name: str, index: int, content: bytes) -> npt.NDArray[np.uint8]:
+    """RGB uint8 [H, W, 3]; an orientation tag is ignored, as by the official reader."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    frame = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
+    if frame is None:
+        raise DatasetError(f"frame {index} of video {name} does not decode as JPEG or PNG")
+    return cv2.cvtColor(frame, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)

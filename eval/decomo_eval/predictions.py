@@ -1,0 +1,138 @@
+"""A tracker's answers to a benchmark's queries: from a fitted model, or from a file that any tracker wrote.
+
+`<video>.npz` holds, for the queries of one query mode in the official order (`tapvid.sample_queries`):
+    queries     float [N, 3]     (t, x, y), for the check that these are the questions the benchmark asks
+    tracks      float [N, T, 2]  (x, y) of each point in each frame, finite also where occluded
+    occluded    bool  [N, T]     True = occluded
+    width, height                optional: the size that the pixels of `queries` and `tracks` refer to;
+                                 without them, that of the dataset's stored frames
+    frames      int   [T]        optional: the frame of each column of `tracks`, which must be 0..T-1
+Pixel centres lie at integers. Other keys, such as `occlusion`, are not read. `decomo-track` writes such a file.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_eval.dataset import Video
+from decomo_eval.errors import PredictionError
+from decomo_eval.tapvid import Queries, pixels_to_raster
+
+QUERY_TOLERANCE = 0.05
+"""Raster pixels by which the x and y of a query may differ: above the rounding of float32 and of text files with two
+decimals, and well under the half pixel of a wrong convention."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where a tracker says the queried points are, in raster coordinates."""
+
+    tracks: npt.NDArray[np.float64]
+    """[N, T, 2], (x, y)."""
+    occluded: npt.NDArray[np.bool_]
+    """[N, T]."""
+
+
+def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
+    """Asks the fitted model at `path` (.onnx); it may have been fitted to frames of another size than the stored."""
+    from decomo_runtime import Tracker
+
+    tracker = Tracker(path)
+    if tracker.num_frames != video.num_frames:
+        raise PredictionError(
+            f"{path} was fitted to {tracker.num_frames} frames but video {video.name} has {video.num_frames}; "
+            "fit it to the dataset's own frames"
+        )
+    asked = queries.in_pixels(tracker.width, tracker.height)
+    edge = np.array([tracker.width, tracker.height], dtype=np.float32) - 0.5
+    asked[:, 1:] = np.clip(asked[:, 1:], -0.5, edge)  # annotators may click a little outside; the model must not be
+    answer = tracker.track(asked)
+    return _prediction(path, answer.xy, answer.occluded, (tracker.width, tracker.height), queries)
+
+
+def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
+    """Reads the answers in `path` (.npz)."""
+    content = _read_npz(path)
+    for key in ("queries", "tracks", "occluded"):
+        if key not in content:
+            raise PredictionError(f"{path} lacks the key {key}; it must hold queries, tracks and occluded")
+    if "frames" in content and not np.array_equal(content["frames"], np.arange(video.num_frames)):
+        raise PredictionError(f"{path} must hold all {video.num_frames} frames of video {video.name}, in order")
+    size = _size(path, content, default=(video.width, video.height))
+    _check_queries(path, content["queries"], queries, size)
+    return _prediction(path, content["tracks"], content["occluded"], size, queries)
+
+
+def _read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
+    try:
+        with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise PredictionError(f"{path} cannot be read as an .npz of plain arrays ({error})") from error
+
+
+def _size(path: Path, content: dict[str, npt.NDArray[Any]], default: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) that the file's pixels refer to."""
+    if "width" not in content and "height" not in content:
+        return default
+    values = [content.get(key, np.array(0)) for key in ("width", "height")]
+    if any(value.size != 1 or value.dtype.kind not in "iuf" or not value.item() >= 1 for value in values):
+        raise PredictionError(f"{path} must hold both width and height, as positive numbers, or neither")
+    return int(values[0].item()), int(values[1].item())
+
+
+def _check_queries(path: Path, answered: npt.NDArray[Any], queries: Queries, size: tuple[int, int]) -> None:
+    """Raises `PredictionError` unless the file answers these queries, in this order."""
+    asked = queries.in_pixels(*size)
+    if answered.shape != asked.shape:
+        raise PredictionError(
+            f"{path} answers queries {list(answered.shape)} but the benchmark asks {list(asked.shape)} in this query "
+            "mode; were they sampled in the other mode?"
+        )
+    if answered.dtype.kind not in "iuf":
+        raise PredictionError(f"{path} must hold numbers as queries, not {answered.dtype}")
+    apart = np.abs(pixels_to_raster(answered[:, 1:], *size) - pixels_to_raster(asked[:, 1:], *size)).max(axis=1)
+    differs = ~((apart <= QUERY_TOLERANCE) & (answered[:, 0] == asked[:, 0]))
+    if differs.any():
+        row = int(differs.argmax())
+        raise PredictionError(
+            f"{path} has query {row} at (t, x, y) = {_point(answered[row])} but the benchmark's is at "
+            f"{_point(asked[row])} in pixels of {size[0]}x{size[1]} frames; queries must be in the benchmark's order, "
+            "and if the file's pixels are of another size it must say so by width and height"
+        )
+
+
+def _point(query: npt.NDArray[Any]) -> str:
+    return "({:g}, {:.2f}, {:.2f})".format(*query)
+
+
+def _prediction(
+    path: Path,
+    tracks: npt.NDArray[Any],
+    occluded: npt.NDArray[Any],
+    size: tuple[int, int],
+    queries: Queries,
+) -> Prediction:
+    """Checks tracks in pixels of (width, height) `size` and brings them to the raster."""
+    expected = queries.occluded.shape
+    if tracks.shape != (*expected, 2) or occluded.shape != expected:
+        raise PredictionError(
+            f"{path} has tracks {list(tracks.shape)} and occluded {list(occluded.shape)} where the benchmark needs "
+            f"{[*expected, 2]} and {list(expected)}: query, frame, (x, y)"
+        )
+    if tracks.dtype.kind not in "iuf" or occluded.dtype.kind not in "biuf" or not np.isin(occluded, (0, 1)).all():
+        raise PredictionError(f"{path} must hold numbers as tracks and true or false as occluded")
+    lost = ~np.isfinite(tracks).all(axis=2)
+    if lost.any():
+        row, frame = np.argwhere(lost)[0]
+        raise PredictionError(
+            f"{path} has no finite position for query {row} in frame {frame}; give a best guess also where occluded"
+        )
+    return Prediction(pixels_to_raster(tracks, *size), occluded.astype(bool))

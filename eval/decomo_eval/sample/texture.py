@@ -1,0 +1,124 @@
+"""Procedural textures: overlapping leaves of all sizes, spots and stripes, each under multi-octave noise.
+
+Leaves of power-law sizes that cover one another ("dead leaves") and noise of near-equal contrast in every octave both
+give the 1/f amplitude spectrum of natural images; the noise leaves no place without texture. Patterns are drawn in
+fractions of the texture, so that another resolution shows the same scene.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Image = npt.NDArray[np.float32]
+
+SUBPIXEL_BITS = 4
+"""OpenCV's drawing functions take fixed-point coordinates."""
+
+
+@dataclass(frozen=True)
+class Texture:
+    """Colours of a layer over the square of material coordinates from -extent to +extent."""
+
+    image: Image
+    """[R, R, 3], RGB in 0..1; row along v, column along u."""
+    extent: float
+
+    def at(self, uv: npt.NDArray[np.float64]) -> Image:
+        """Colours [H, W, 3] at material [H, W, 2], bilinear; beyond the square the texture is mirrored."""
+        texel = ((uv / self.extent + 1) * (len(self.image) / 2) - 0.5).astype(np.float32)
+        return cv2.remap(self.image, texel, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)  # type: ignore[call-overload]
+
+
+def octave_noise(rng: np.random.Generator, resolution: int, coarsest: float, finest: float, falloff: float) -> Image:
+    """Noise [R, R] of mean 0 and deviation about 1: octaves from `coarsest` to `finest` cells across, each `falloff` times
+    as strong as the one before.
+    """
+    total, power, strength, cells = np.zeros((resolution, resolution), np.float32), 0.0, 1.0, coarsest
+    while cells <= finest:
+        count = round(cells)
+        lattice = rng.standard_normal((count, count), np.float32)
+        octave = cv2.resize(lattice, (resolution, resolution), interpolation=cv2.INTER_CUBIC)
+        total += strength * (octave / max(float(octave.std()), 1e-6))
+        power, strength, cells = power + strength**2, strength * falloff, cells * 2
+    return total / np.float32(np.sqrt(power))
+
+
+def draw_palette(rng: np.random.Generator, hue: float, spread: float, saturation: tuple[float, float]) -> Image:
+    """Six colours [6, 3] from dark to bright around `hue` (0..1)."""
+    return np.array(
+        [
+            colorsys.hsv_to_rgb((hue + rng.uniform(-spread, spread)) % 1, rng.uniform(*saturation), value)
+            for value in np.linspace(0.25, 0.85, 6) + rng.uniform(-0.05, 0.05, 6)
+        ],
+        np.float32,
+    )
+
+
+def paint_leaves(
+    rng: np.random.Generator, ground: Image, palette: Image, count: int, sizes: tuple[float, float]
+) -> Image:
+    """Ellipses and polygons over `ground` [R, R, 3], later ones on top; `sizes` are radii in fractions of the texture.
+
+    Radii follow a density of r^-3 between the two sizes.
+    """
+    canvas = np.round(np.clip(ground, 0, 1) * 255).astype(np.uint8)
+    fixed = len(canvas) << SUBPIXEL_BITS
+    smallest, largest = sizes
+    radii = 1 / np.sqrt(rng.uniform(largest**-2, smallest**-2, count))
+    for radius in radii:
+        corners = rng.integers(3, 8)
+        angles = np.sort(rng.uniform(0, 2 * np.pi, corners)) if rng.random() < 0.5 else np.linspace(0, 2 * np.pi, 33)[1:]
+        shape = np.stack([np.cos(angles), rng.uniform(0.45, 1.0) * np.sin(angles)], axis=-1)
+        turn = rng.uniform(0, 2 * np.pi)
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        outline = rng.uniform(-0.02, 1.02, 2) + radius * shape @ rotation.T
+        colour = np.clip(palette[rng.integers(len(palette))] * rng.uniform(0.75, 1.25), 0, 1) * 255
+        corners_fixed = np.round(outline * fixed).astype(np.int32)
+        cv2.fillPoly(canvas, [corners_fixed], [float(c) for c in colour], cv2.LINE_AA, SUBPIXEL_BITS)
+    return canvas.astype(np.float32) / 255
+
+
+def paint_stripes(rng: np.random.Generator, resolution: int, palette: Image, bands: float) -> Image:
+    """Uneven bands [R, R, 3] between two colours of the palette, bent by noise so that no stretch of them is straight."""
+    row, column = np.mgrid[0:resolution, 0:resolution].astype(np.float32) / np.float32(resolution)
+    turn = rng.uniform(0, np.pi)
+    along = np.cos(turn) * column + np.sin(turn) * row
+    bent = along * bands + 0.45 * octave_noise(rng, resolution, 4, 16, 0.5)
+    share = 0.5 + 0.5 * np.tanh(4 * np.sin(2 * np.pi * bent))[..., None]
+    dark, bright = palette[rng.integers(0, 2)], palette[rng.integers(4, 6)]
+    return (dark * (1 - share) + bright * share).astype(np.float32)
+
+
+def roughen(rng: np.random.Generator, colours: Image, finest: float, contrast: float) -> Image:
+    """`colours` [R, R, 3] lit by multi-octave noise, with a fainter tint of its own in each channel."""
+    resolution = len(colours)
+    light = octave_noise(rng, resolution, 6, finest, 0.9)[..., None]
+    tint = np.stack([octave_noise(rng, resolution, 4, finest / 4, 0.8) for _ in range(3)], axis=-1)
+    return np.clip(colours * np.exp(contrast * light + 0.06 * tint), 0.02, 0.98).astype(np.float32)
+
+
+def draw_ground(rng: np.random.Generator, resolution: int, extent: float, finest: float, hue: float) -> Texture:
+    """The background's texture: muted, with structures from a few pixels to a quarter of the frame."""
+    palette = draw_palette(rng, hue, 0.12, (0.08, 0.4))
+    blank = np.broadcast_to(palette[2], (resolution, resolution, 3))
+    leaves = paint_leaves(rng, blank, palette, 1600, (0.008, 0.16))
+    return Texture(roughen(rng, leaves, finest, 0.2), extent)
+
+
+def draw_skin(rng: np.random.Generator, resolution: int, extent: float, finest: float, hue: float) -> Texture:
+    """An object's texture: more colourful than the background; leaves, spots or stripes."""
+    palette = draw_palette(rng, hue, 0.07, (0.45, 0.85))
+    plain = np.broadcast_to(palette[rng.integers(2, 5)], (resolution, resolution, 3))
+    kind = rng.integers(3)
+    if kind == 0:
+        colours = paint_leaves(rng, plain, palette, 350, (0.02, 0.15))
+    elif kind == 1:
+        colours = paint_leaves(rng, plain, palette, 90, (0.025, 0.06))
+    else:
+        colours = paint_leaves(rng, paint_stripes(rng, resolution, palette, rng.uniform(5, 8)), palette, 30, (0.02, 0.05))
+    return Texture(roughen(rng, colours, finest, 0.17), extent)

@@ -1,0 +1,94 @@
+"""From a run to one .onnx file that keeps the runtime's contract."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import onnx
+import torch
+
+import decomotion
+from decomo_export.graph import QueryGraph
+from decomo_export.parity import Parity, measure
+from decomo_runtime import contract
+from decomotion import checkpoint
+from decomotion.checkpoint import Checkpoint
+from decomotion.files import replacing
+
+OCCLUSION_THRESHOLD = 0.5
+"""The score is built so that 0.5 is the decision: see `ModelConfig.occlusion_scale`."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A written model file."""
+
+    path: Path
+    bytes: int
+    parity: Parity
+
+
+def export(path: str | Path, run: str | Path | None = None) -> Exported:
+    """Exports the model of a run and compares the file with torch.
+
+    Args:
+        path: the .onnx file to write.
+        run: the run's folder; default: the most recent one in `runs/`.
+
+    Raises: `CheckpointError` where there is no run; `ExportError` where the file disagrees with torch, in which
+        case nothing is written.
+    """
+    folder = Path(run) if run is not None else checkpoint.latest_run()
+    loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
+    graph = QueryGraph(loaded.model.eval()).eval()
+    proto = _trace(graph)
+    onnx.helper.set_model_props(proto, _metadata(loaded))
+    onnx.checker.check_model(proto, full_check=True)
+    with replacing(path) as temporary:
+        onnx.save(proto, temporary)
+        parity = measure(graph, temporary)
+    return Exported(Path(path), Path(path).stat().st_size, parity)
+
+
+def _trace(graph: QueryGraph) -> onnx.ModelProto:
+    queries = torch.tensor([[0.0, 1.0, 2.0], [1.0, 3.0, 4.0], [0.0, 5.0, 6.0]])
+    frames = torch.tensor([0, 1, 0, 1, 1])
+    dynamic = {"queries": {0: torch.export.Dim.DYNAMIC}, "frames": {0: torch.export.Dim.DYNAMIC}}
+    level = logging.getLogger("torch.onnx").level
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings(), torch.no_grad():
+            warnings.simplefilter("ignore")  # the exporter's own deprecations are not the user's concern
+            program = torch.onnx.export(
+                graph,
+                (queries, frames),
+                dynamo=True,
+                dynamic_shapes=dynamic,
+                input_names=list(contract.INPUTS),
+                output_names=list(contract.OUTPUTS),
+                opset_version=contract.OPSET,
+                optimize=True,
+                verbose=False,
+            )
+    finally:
+        logging.getLogger("torch.onnx").setLevel(level)
+    assert program is not None
+    return program.model_proto
+
+
+def _metadata(loaded: Checkpoint) -> dict[str, str]:
+    clip = loaded.clip
+    return {
+        contract.META_FORMAT_VERSION: str(contract.FORMAT_VERSION),
+        contract.META_CLIP_NAME: clip.name,
+        contract.META_NUM_FRAMES: str(clip.num_frames),
+        contract.META_HEIGHT: str(clip.height),
+        contract.META_WIDTH: str(clip.width),
+        contract.META_FPS: repr(clip.fps),
+        contract.META_PRESET: loaded.config.preset,
+        contract.META_OCCLUSION_THRESHOLD: repr(OCCLUSION_THRESHOLD),
+        contract.META_WRITER_VERSION: decomotion.__version__,
+    }

@@ -1,0 +1,48 @@
+"""Answers "where is this point in that frame?" from an exported .onnx file: numpy, onnxruntime and OpenCV, no torch.
+
+    from decomo_runtime import Tracker
+
+    tracks = Tracker("goat.onnx").track([(0, 120.0, 84.5)])  # (t, x, y) in pixels of the clip
+    tracks.xy, tracks.occluded, tracks.occlusion             # [N, M, 2], [N, M], [N, M]
+
+Importing this package loads nothing else: each name is fetched when first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from decomo_runtime.errors import (
+        ModelFileError,
+        OverlayError,
+        QueryError,
+        RuntimeInputError,
+        SessionError,
+        TracksFileError,
+    )
+    from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.tracker import Appearance, Tracker
+    from decomo_runtime.tracks import Tracks
+
+__all__ = [
+    "Appearance",
+    "ModelFacts",
+    "ModelFileError",
+    "OverlayError",
+    "QueryError",
+    "RuntimeInputError",
+    "SessionError",
+    "Tracker",
+    "Tracks",
+    "TracksFileError",
+]
+
+_HOMES = {"Appearance": "tracker", "ModelFacts": "model_file", "Tracker": "tracker", "Tracks": "tracks"}
+
+
+def __getattr__(name: str) -> object:
+    if name in __all__:
+        return getattr(import_module(f"decomo_runtime.{_HOMES.get(name, 'errors')}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,29 @@
+"""What can be wrong with a model file, a query or an output path; each error's text is one sentence that says what to do."""
+
+from __future__ import annotations
+
+from decomotion.errors import InputError
+
+
+class RuntimeInputError(InputError):
+    """Bad input to the runtime: the parent of all errors that this package raises on purpose (a `ValueError`)."""
+
+
+class ModelFileError(RuntimeInputError):
+    """The model file is missing, damaged, not ours, or of a newer format than this runtime reads."""
+
+
+class SessionError(RuntimeInputError):
+    """`providers=` or `threads=` ask for something that this machine's onnxruntime does not have."""
+
+
+class QueryError(RuntimeInputError):
+    """A query point, a target frame or a chunk size is malformed or out of range; the text names the row."""
+
+
+class TracksFileError(RuntimeInputError):
+    """A tracks file is not one, or an output path cannot be written."""
+
+
+class OverlayError(RuntimeInputError):
+    """The clip given for the overlay is not the one that the model was fitted to."""

@@ -1,0 +1,150 @@
+"""Opens an exported .onnx file and checks that it keeps the contract (`contract.py`) before anything is asked of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from decomo_runtime import contract
+from decomo_runtime.errors import ModelFileError, SessionError
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+Providers = Sequence[str | tuple[str, dict[str, Any]]]
+"""Execution providers in order of preference, as onnxruntime takes them: names, or (name, options)."""
+
+_Value = TypeVar("_Value", int, float)
+_ERRORS_ONLY = 3
+_WRITE_ONE = "write one with 'decomo-export'"
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """What the file says about itself and the clip that it was fitted to."""
+
+    clip_name: str
+    num_frames: int
+    height: int
+    """Pixels, of the clip's own resolution; so is `width`."""
+    width: int
+    fps: float
+    preset: str
+    occlusion_threshold: float
+    """A point is occluded where its occlusion score is above this."""
+
+
+def open_session(
+    path: Path, providers: Providers | None = None, threads: int | None = None
+) -> onnxruntime.InferenceSession:
+    """An onnxruntime session on `path`, with its own settings; `ModelFileError` where the file does not open.
+
+    `providers` defaults to the CPU, `threads` (within one operator) to onnxruntime's own choice.
+    """
+    import onnxruntime
+    from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+
+    _check_file(path)
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = _ERRORS_ONLY
+    if threads is not None:
+        if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+            raise SessionError(f"threads must be a whole number of at least 1, got {threads!r}")
+        options.intra_op_num_threads = threads
+    providers = ["CPUExecutionProvider"] if providers is None else list(providers)
+    _check_providers(providers, onnxruntime.get_available_providers())
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument) as error:
+        raise ModelFileError(
+            f"{path} is not an ONNX file, or it is damaged or cut short; copy it again, or {_WRITE_ONE}"
+        ) from error
+    except (ort_errors.Fail, ort_errors.InvalidGraph, ort_errors.NotImplemented, ort_errors.RuntimeException) as error:
+        raise ModelFileError(
+            f"onnxruntime {onnxruntime.__version__} cannot run {path}; a newer one may "
+            f"('pip install -U onnxruntime'), else export the model again ({_reason(error)})"
+        ) from error
+
+
+def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
+    """The session's metadata, checked: `ModelFileError` where the file is not ours, newer, or contradicts itself."""
+    metadata = session.get_modelmeta().custom_metadata_map
+    if contract.META_FORMAT_VERSION not in metadata:
+        raise ModelFileError(f"{path} is an ONNX file but holds no decomotion model; {_WRITE_ONE}")
+    version = _number(metadata, contract.META_FORMAT_VERSION, path, int, lambda value: value >= 1)
+    if version > contract.FORMAT_VERSION:
+        raise ModelFileError(
+            f"{path} has format version {version} but this decomotion reads up to {contract.FORMAT_VERSION}; "
+            f"upgrade with 'pip install -U decomotion', or export the model again"
+        )
+    _check_names("input", contract.INPUTS, [port.name for port in session.get_inputs()], path)
+    _check_names("output", contract.OUTPUTS, [port.name for port in session.get_outputs()], path)
+    return ModelFacts(
+        clip_name=_text(metadata, contract.META_CLIP_NAME, path),
+        num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1),
+        height=_number(metadata, contract.META_HEIGHT, path, int, lambda value: value >= 1),
+        width=_number(metadata, contract.META_WIDTH, path, int, lambda value: value >= 1),
+        fps=_number(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
+        preset=_text(metadata, contract.META_PRESET, path),
+        occlusion_threshold=_number(
+            metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
+        ),
+    )
+
+
+def _check_file(path: Path) -> None:
+    if path.is_dir():
+        raise ModelFileError(f"{path} is a folder; give the .onnx file inside it")
+    if not path.exists():
+        raise ModelFileError(f"{path} does not exist; {_WRITE_ONE}")
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+
+
+def _check_providers(providers: Providers, available: Sequence[str]) -> None:
+    for provider in providers:
+        name = provider if isinstance(provider, str) else provider[0]
+        if name not in available:
+            raise SessionError(
+                f"this onnxruntime has no provider {name!r}; choose from {', '.join(available)}, "
+                f"or install the onnxruntime build that brings it"
+            )
+
+
+def _check_names(kind: str, required: Sequence[str], present: Sequence[str], path: Path) -> None:
+    missing = [name for name in required if name not in present]
+    if missing:
+        raise ModelFileError(f"{path} lacks the {kind} {', '.join(missing)}; export the model again")
+
+
+def _text(metadata: Mapping[str, str], key: str, path: Path) -> str:
+    if key not in metadata:
+        raise ModelFileError(f"{path} lacks the metadata {key}; export the model again")
+    return metadata[key]
+
+
+def _number(
+    metadata: Mapping[str, str],
+    key: str,
+    path: Path,
+    parse: Callable[[str], _Value],
+    valid: Callable[[_Value], bool],
+) -> _Value:
+    text = _text(metadata, key, path)
+    try:
+        value = parse(text)
+    except ValueError:
+        value = None
+    if value is None or not valid(value):
+        raise ModelFileError(f"{path} has the impossible metadata {key} = {text!r}; export the model again")
+    return value
+
+
+def _reason(error: Exception) -> str:
+    """The last sentence of onnxruntime's message, without its source locations."""
+    return " ".join(str(error).rsplit("failed:", 1)[-1].split())[:200]

@@ -1,0 +1,168 @@
+"""Draws tracks on the frames of their clip.
+
+Each point keeps one colour, taken from a rainbow by where it was queried. A disc marks it where it is seen, a ring
+where the model holds it to be occluded; a fading trail shows where it has been, fainter while occluded.
+
+Small clips are enlarged by a whole factor first; a place x of the clip then lies at (x + 0.5) * factor - 0.5 on the
+canvas. All that is drawn goes on one layer of premultiplied RGBA, laid over the muted frame once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.errors import OverlayError
+from decomo_runtime.model_file import ModelFacts
+from decomo_runtime.tracks import Tracks
+from decomotion.clip import Clip
+
+Image = npt.NDArray[np.uint8]
+
+LONG_SIDE = 512
+"""Clips whose longer side has fewer pixels than this are enlarged."""
+TRAIL = 12
+"""Length of the trail in frames."""
+
+_COLOUR_KEPT, _LIGHT_KEPT = 0.55, 0.8
+"""How far the frame is muted, so that the inks stand out."""
+_OCCLUDED_INK, _RIM_INK = 0.3, 0.55
+_SHIFT = 4
+"""OpenCV draws at 1 / 2**_SHIFT of a pixel."""
+_FAR = 8192
+"""Canvas pixels beyond which nothing is drawn: OpenCV's fixed-point numbers would overflow."""
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """Sizes in canvas pixels."""
+
+    radius: float
+    thickness: int
+
+
+def check_clip(clip: Clip, model: ModelFacts) -> None:
+    """`OverlayError` where `clip` has not the size or the length of the clip that the model was fitted to."""
+    if (clip.width, clip.height, len(clip)) != (model.width, model.height, model.num_frames):
+        raise OverlayError(
+            f"the clip {clip.name} has {len(clip)} frames of {clip.width}x{clip.height} but the model was fitted to "
+            f"{model.clip_name} with {model.num_frames} frames of {model.width}x{model.height}; give that clip"
+        )
+
+
+def draw_tracks(frames: Image, tracks: Tracks, *, trail: int = TRAIL, long_side: int = LONG_SIDE) -> Iterator[Image]:
+    """Yields, for each of `tracks.frames`, that frame of the clip with the tracks on it, RGB and of even size.
+
+    `frames` uint8 [T, H, W, 3] is the whole clip; `trail` counts frames; the longer side gets at least `long_side`
+    pixels.
+    """
+    factor = max(1, -(-long_side // max(frames.shape[1:3])))
+    places = (tracks.xy.astype(np.float64) + 0.5) * factor - 0.5
+    places[~(np.abs(places) < _FAR).all(-1)] = np.nan
+    inks = rainbow(tracks.queries)
+    for column, frame in enumerate(tracks.frames):
+        canvas = _muted(_enlarged(frames[frame], factor))
+        pen = _pen_for(len(inks), canvas)
+        layer = np.zeros((*canvas.shape[:2], 4), np.uint8)
+        past = slice(max(0, column - trail), column + 1)
+        _draw_trails(layer, places[:, past], tracks.occluded[:, past], inks, pen, trail)
+        _draw_marks(layer, places[:, column], tracks.occluded[:, column], inks, pen)
+        yield _laid_over(canvas, layer)
+
+
+def rainbow(queries: npt.NDArray[np.float32]) -> Image:
+    """RGB [N, 3]: a colour for each query (t, x, y) by its place along the diagonal of the box that holds them all."""
+    if len(queries) == 0:
+        return np.empty((0, 3), np.uint8)
+    place = queries[:, 1:].astype(np.float64)
+    extent = np.ptp(place, axis=0)
+    along = ((place - place.min(0)) / np.where(extent > 0, extent, 1)).mean(1)
+    levels = np.rint(24 + 216 * along).astype(np.uint8)
+    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+
+
+def contact_sheet(frames: Sequence[Image], *, gap: int = 8) -> Image:
+    """The frames (at least one, RGB, of one height) side by side, `gap` white pixels apart."""
+    white = np.full((frames[0].shape[0], gap, 3), 255, np.uint8)
+    strips = [strip for frame in frames for strip in (white, frame)]
+    return np.concatenate(strips[1:], axis=1)
+
+
+def _enlarged(frame: Image, factor: int) -> Image:
+    """`frame` times `factor`, its last row and column repeated where that makes the size even."""
+    large = cv2.resize(frame, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else frame
+    height, width = large.shape[:2]
+    return cv2.copyMakeBorder(large, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE).astype(np.uint8, copy=False)
+
+
+def _muted(frame: Image) -> Image:
+    grey = cv2.cvtColor(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    muted = cv2.addWeighted(frame, _LIGHT_KEPT * _COLOUR_KEPT, grey, _LIGHT_KEPT * (1 - _COLOUR_KEPT), 0)
+    return muted.astype(np.uint8, copy=False)
+
+
+def _pen_for(points: int, canvas: Image) -> _Pen:
+    """Discs of a sixth of the points' mean spacing, within what stays legible at the canvas's size."""
+    height, width = canvas.shape[:2]
+    spacing = (height * width / max(points, 1)) ** 0.5
+    largest = 0.009 * max(height, width)
+    radius = float(np.clip(spacing / 6, 0.3 * largest, largest))
+    return _Pen(radius, max(1, round(0.55 * radius)))
+
+
+def _draw_trails(
+    layer: Image,
+    places: npt.NDArray[np.float64],
+    occluded: npt.NDArray[np.bool_],
+    inks: Image,
+    pen: _Pen,
+    trail: int,
+) -> None:
+    """Lines through `places` [N, L, 2], oldest first, so that the newest lies on top."""
+    length = places.shape[1]
+    for step in range(length - 1):
+        fade = 1 - (length - 2 - step) / trail
+        ends = places[:, step : step + 2]
+        hidden = occluded[:, step : step + 2].any(1)
+        for point in np.flatnonzero(np.isfinite(ends).all((1, 2))):
+            ink = _ink(inks[point], fade * (_OCCLUDED_INK if hidden[point] else 0.9))
+            start, end = (_fixed(place) for place in ends[point])
+            cv2.line(layer, start, end, ink, pen.thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_marks(
+    layer: Image, places: npt.NDArray[np.float64], occluded: npt.NDArray[np.bool_], inks: Image, pen: _Pen
+) -> None:
+    """A ring at each occluded point of `places` [N, 2], then a dark-rimmed disc at each one in sight."""
+    present = np.isfinite(places).all(1)
+    rim = _ink(np.zeros(3, np.uint8), _RIM_INK)
+    for point in np.flatnonzero(present & occluded):
+        ring = _ink(inks[point], 0.85)
+        cv2.circle(layer, _fixed(places[point]), _fixed_length(pen.radius), ring, 1, cv2.LINE_AA, _SHIFT)
+    for point in np.flatnonzero(present & ~occluded):
+        centre = _fixed(places[point])
+        cv2.circle(layer, centre, _fixed_length(pen.radius + 1), rim, cv2.FILLED, cv2.LINE_AA, _SHIFT)
+        cv2.circle(layer, centre, _fixed_length(pen.radius), _ink(inks[point], 1), cv2.FILLED, cv2.LINE_AA, _SHIFT)
+
+
+def _ink(colour: Image, opacity: float) -> tuple[float, float, float, float]:
+    """Premultiplied RGBA."""
+    red, green, blue = (opacity * float(channel) for channel in colour)
+    return red, green, blue, 255 * opacity
+
+
+def _fixed(place: npt.NDArray[np.float64]) -> tuple[int, int]:
+    return _fixed_length(place[0]), _fixed_length(place[1])
+
+
+def _fixed_length(length: float) -> int:
+    return round(length * (1 << _SHIFT))
+
+
+def _laid_over(canvas: Image, layer: Image) -> Image:
+    clear = 1 - layer[..., 3:].astype(np.float32) / 255
+    return np.rint(canvas * clear + layer[..., :3]).clip(0, 255).astype(np.uint8)

@@ -1,0 +1,95 @@
+"""Tracks: the answer to a set of queries, and its two file forms (npz to compute with, csv to read)."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.errors import TracksFileError
+from decomotion.files import replacing
+
+SUFFIXES = (".npz", ".csv")
+_CSV_HEADER = "point,frame,x,y,occlusion,occluded"
+_CSV_FORMAT = "%d,%d,%.4f,%.4f,%.4f,%d"
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Where N query points are in M frames."""
+
+    xy: npt.NDArray[np.float32]
+    """[N, M, 2], (x, y) in pixels of the clip; outside of the frame where the point has left it."""
+    occluded: npt.NDArray[np.bool_]
+    """[N, M], True where the score is above the model's threshold."""
+    occlusion: npt.NDArray[np.float32]
+    """[N, M], score from 0 (surely in sight) to 1 (surely hidden)."""
+    queries: npt.NDArray[np.float32]
+    """[N, 3], (t, x, y)."""
+    frames: npt.NDArray[np.int64]
+    """[M], the frame number of each column."""
+
+    def save(self, path: str | Path) -> None:
+        """Writes `path`, whole or not at all; its suffix chooses the form.
+
+        npz: `queries` float32 [N, 3] (t, x, y), `tracks` float32 [N, M, 2] (x, y), `occluded` bool [N, M],
+        `occlusion` float32 [N, M], `frames` int64 [M].
+        csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded`, occluded as 0 or 1.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise TracksFileError(f"tracks are written as {' or '.join(SUFFIXES)}; {path} is neither")
+        with replacing(path) as temporary:
+            if suffix == ".npz":
+                self._write_npz(temporary)
+            else:
+                self._write_csv(temporary)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Tracks:
+        """Reads an npz file that `save` wrote, or one of the same keys; without `frames` they count from 0."""
+        try:
+            with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+        except (EOFError, OSError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+            raise TracksFileError(f"{path} is not a readable npz file of tracks; write one with 'decomo-track'") from error
+        missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
+        if missing:
+            raise TracksFileError(f"{path} lacks the arrays {', '.join(sorted(missing))}; write it with 'decomo-track'")
+        xy, queries = arrays["tracks"], arrays["queries"]
+        frames = arrays.get("frames", np.arange(xy.shape[1] if xy.ndim == 3 else 0))
+        shapes = {"queries": (len(xy), 3), "tracks": (len(xy), len(frames), 2)}
+        shapes |= dict.fromkeys(("occluded", "occlusion"), (len(xy), len(frames)))
+        for key, shape in shapes.items():
+            if arrays[key].shape != shape:
+                raise TracksFileError(f"{path}: {key} has the shape {list(arrays[key].shape)}, must be {list(shape)}")
+        return cls(
+            xy.astype(np.float32),
+            arrays["occluded"].astype(bool),
+            arrays["occlusion"].astype(np.float32),
+            queries.astype(np.float32),
+            frames.astype(np.int64),
+        )
+
+    def _write_npz(self, path: Path) -> None:
+        with open(path, "wb") as file:
+            np.savez_compressed(
+                file,
+                queries=self.queries,
+                tracks=self.xy,
+                occluded=self.occluded,
+                occlusion=self.occlusion,
+                frames=self.frames,
+            )
+
+    def _write_csv(self, path: Path) -> None:
+        point, column = np.indices(self.occluded.shape).reshape(2, -1)
+        lines = np.column_stack(
+            [point, self.frames[column], self.xy.reshape(-1, 2), self.occlusion.ravel(), self.occluded.ravel()]
+        )
+        np.savetxt(path, lines, fmt=_CSV_FORMAT, header=_CSV_HEADER, comments="", encoding="utf-8")

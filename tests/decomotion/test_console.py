@@ -1,0 +1,83 @@
+"""Exit codes and the one sentence that comes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import click
+import pytest
+
+from decomotion.console import run
+from decomotion.errors import CheckpointError, ClipError, ConfigError, InputError, SupervisionError, TrainingError
+
+
+def command_that(act: Callable[[], object]) -> click.Command:
+    @click.command()
+    @click.option("--steps", default=10, show_default=True)
+    def command(steps: int) -> object:
+        return act()
+
+    return command
+
+
+def raising(error: BaseException) -> click.Command:
+    def act() -> None:
+        raise error
+
+    return command_that(act)
+
+
+def test_success_is_0(capsys: pytest.CaptureFixture[str]):
+    assert run(command_that(lambda: click.echo("done")), []) == 0
+    assert capsys.readouterr() == ("done\n", "")
+
+
+def test_help_is_0_and_shows_defaults(capsys: pytest.CaptureFixture[str]):
+    assert run(raising(AssertionError("ran")), ["--help"]) == 0
+    assert "[default: 10]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("family", [InputError, ClipError, ConfigError, CheckpointError, SupervisionError])
+def test_bad_input_is_2_and_one_sentence(family: type[InputError], capsys: pytest.CaptureFixture[str]):
+    assert run(raising(family("clip/ has one frame; motion needs at least two")), []) == 2
+    assert capsys.readouterr() == ("", "Error: clip/ has one frame; motion needs at least two\n")
+
+
+@pytest.mark.parametrize("argv", [["--stepz", "3"], ["--steps", "three"], ["surplus"]])
+def test_bad_usage_is_2_and_names_the_argument(argv: list[str], capsys: pytest.CaptureFixture[str]):
+    assert run(command_that(lambda: None), argv) == 2
+    assert argv[-1 if argv[0] != "--stepz" else 0] in capsys.readouterr().err
+
+
+def test_failed_optimisation_is_1(capsys: pytest.CaptureFixture[str]):
+    assert run(raising(TrainingError("loss/flow is nan at step 12")), []) == 1
+    assert capsys.readouterr().err == "Error: loss/flow is nan at step 12\n"
+
+
+@pytest.mark.parametrize("interrupt", [KeyboardInterrupt(), click.Abort()])
+def test_interrupt_is_130(interrupt: BaseException):
+    assert run(raising(interrupt), []) == 130
+
+
+def test_a_file_that_cannot_be_written_is_2_and_named(tmp_path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "file").write_text("in the way of a folder")
+    assert run(command_that((tmp_path / "file" / "tracks.npz").touch), []) == 2
+    assert capsys.readouterr().err == f"Error: {tmp_path / 'file' / 'tracks.npz'}: Not a directory\n"
+
+
+def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.CaptureFixture[str]):
+    assert run(raising(ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")), []) == 2
+    assert capsys.readouterr().err == "Error: torch is not installed; run: pip install 'decomotion[train]'\n"
+
+
+@pytest.mark.parametrize(
+    "bug", [ZeroDivisionError(), OSError("no file to name"), ModuleNotFoundError(name="decomotion.trian")]
+)
+def test_our_own_bugs_keep_their_traceback(bug: Exception):
+    with pytest.raises(type(bug)):
+        run(raising(bug), [])
+
+
+def test_what_a_command_returns_is_the_exit_code_when_it_is_one():
+    assert run(command_that(lambda: 3), []) == 3
+    assert run(command_that(lambda: "text"), []) == 0

@@ -1,0 +1,67 @@
+"""`replacing`: a file is either the old one or the whole new one."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from decomotion.files import replacing
+
+
+def names_in(folder: Path) -> list[str]:
+    return [entry.name for entry in folder.iterdir()]
+
+
+def test_writes_a_new_file_and_its_folders(tmp_path: Path):
+    target = tmp_path / "runs" / "goat" / "model.bin"
+    with replacing(target) as temporary:
+        assert temporary.parent == target.parent
+        assert temporary.suffix == ".bin"  # writers choose the format by it
+        temporary.write_bytes(b"new")
+        assert not target.exists()
+    assert target.read_bytes() == b"new"
+    assert names_in(target.parent) == ["model.bin"]
+
+
+def test_replaces_the_old_file(tmp_path: Path):
+    target = tmp_path / "model.bin"
+    target.write_bytes(b"the old and longer content")
+    with replacing(str(target)) as temporary:
+        temporary.write_bytes(b"new")
+    assert target.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
+def test_an_exception_leaves_the_old_file(failure: type[BaseException], tmp_path: Path):
+    target = tmp_path / "model.bin"
+    target.write_bytes(b"old")
+    with pytest.raises(failure), replacing(target) as temporary:  # noqa: PT012
+        temporary.write_bytes(b"half")
+        raise failure
+    assert target.read_bytes() == b"old"
+    assert names_in(tmp_path) == ["model.bin"]
+
+
+def test_an_exception_before_anything_was_written_leaves_nothing(tmp_path: Path):
+    with pytest.raises(ValueError, match="before"), replacing(tmp_path / "model.bin"):
+        raise ValueError("before")
+    assert names_in(tmp_path) == []
+
+
+def test_kill_leaves_the_old_file(tmp_path: Path):
+    target = tmp_path / "model.bin"
+    target.write_bytes(b"old")
+    killed_while_writing = (
+        "import os, signal, sys\n"
+        "from decomotion.files import replacing\n"
+        "with replacing(sys.argv[1]) as temporary:\n"
+        "    temporary.write_bytes(b'half')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    process = subprocess.run([sys.executable, "-c", killed_while_writing, str(target)], timeout=60)
+    assert process.returncode == -signal.SIGKILL
+    assert target.read_bytes() == b"old"

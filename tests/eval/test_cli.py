@@ -1,0 +1,115 @@
+"""The command: what it prints, what it writes, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from decomo_eval.cli import main
+
+WritePredictions = Callable[..., Path]
+
+
+def test_scores_are_printed_and_written(
+    dataset: Path, write_predictions: WritePredictions, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_predictions("left", "right"), tmp_path / "scores" / "out.json"
+    assert main(["tapvid", str(dataset), "--predictions", str(folder), "--json", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].split() == ["AJ", "<", "delta_avg", "OA", "TC", "px"]
+    assert printed[1].split() == ["left", "100.0", "100.0", "100.0", "0.00"]
+    assert printed[3].split() == ["mean", "100.0", "100.0", "100.0", "0.00"]
+    assert printed[-2] == ("strided, mean over 2 of 2 videos: AJ 100.0, < delta_avg 100.0, OA 100.0, TC 0.00 px")
+    assert printed[-1] == f"wrote {out}"
+    written = json.loads(out.read_text())
+    assert list(written) == ["dataset", "query_mode", "videos", "mean", "missing", "undefined"]
+    assert written["dataset"] == str(dataset)
+    assert written["query_mode"] == "strided"
+    assert written["mean"]["average_jaccard"] == 1
+    assert written["videos"]["right"]["jaccard_16"] == 1
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_absent_and_undefined_videos_are_named(
+    dataset: Path,
+    dataset_content: dict[str, Any],
+    write_predictions: WritePredictions,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    dataset_content["left"]["occluded"][:, 1:] = True
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    assert main(["tapvid", str(dataset), "--predictions", str(write_predictions("left"))]) == 0
+    printed = capsys.readouterr().out
+    assert "not scored, no file in the folder (1): right" in printed
+    assert "left out of the mean where -, no point to count (1): left" in printed
+    assert "mean over 1 of 2 videos: AJ -, < delta_avg -, OA 100.0, TC - px" in printed
+
+
+def test_chosen_videos_and_mode(
+    dataset: Path, write_predictions: WritePredictions, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(write_predictions("left", "right", query_mode="first"))
+    options = ["--query-mode", "first", "--videos", " right, right,"]
+    assert main(["tapvid", str(dataset), "--predictions", folder, *options]) == 0
+    assert "first, mean over 1 of 1 videos" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{dataset}"], "give either models, a folder of <video>.onnx, or predictions"),
+        (["{dataset}", "--models", "x", "--predictions", "x"], "give either"),
+        (["{dataset}", "--models", "nowhere"], "nowhere has no left.onnx, right.onnx"),
+        (["{dataset}", "--predictions", "{folder}", "--videos", "right"], "has no right.npz"),
+        (["{dataset}", "--predictions", "{folder}", "--videos", "up"], "has no video up; it has left, right"),
+        (["{dataset}", "--predictions", "{folder}", "--videos", ","], "no video is named"),
+        (["{dataset}", "--predictions", "{folder}", "--query-mode", "dense"], "'dense' is not one of"),
+        (["{dataset}", "--predictions", "{folder}", "--query-mode", "first"], "other mode"),
+        (["nowhere.pkl", "--predictions", "{folder}"], "nowhere.pkl cannot be opened"),
+        (["{dataset}", "--predictions", "{folder}", "--json", "{dataset}/x.json"], "dataset.pkl: "),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    dataset: Path,
+    write_predictions: WritePredictions,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    words: str,
+) -> None:
+    places = {"dataset": dataset, "folder": write_predictions("left")}
+    assert main(["tapvid", *(argument.format(**places) for argument in arguments)]) == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("Error")]
+    assert len(errors) == 1
+    assert words in errors[0]
+
+
+def test_a_pickle_with_code_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mark, data = tmp_path / "executed", tmp_path / "evil.pkl"
+    data.write_bytes(b"cposix\nsystem\n(Vtouch " + str(mark).encode() + b"\ntR.")
+    out = tmp_path / "out.json"
+    assert main(["tapvid", str(data), "--predictions", str(tmp_path), "--json", str(out)]) == 2
+    assert "posix.system" in capsys.readouterr().err
+    assert not mark.exists()
+    assert not out.exists()
+
+
+def test_bad_predictions_leave_the_former_json(
+    dataset: Path, write_predictions: WritePredictions, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.json"
+    out.write_text("former")
+    folder = write_predictions("left", tracks=np.full((4, 11, 2), math.nan))
+    assert main(["tapvid", str(dataset), "--predictions", str(folder), "--json", str(out)]) == 2
+    assert out.read_text() == "former"
+
+
+def test_help_shows_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tapvid", "--help"]) == 0
+    assert "[default: strided]" in capsys.readouterr().out

@@ -1,0 +1,153 @@
+"""From files to a report."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from decomo_eval import evaluate
+from decomo_eval.dataset import read_dataset
+from decomo_eval.errors import DatasetError, EvalError, PredictionError
+from decomo_eval.tapvid import sample_queries
+
+WritePredictions = Callable[..., Path]
+
+
+def assert_perfect(metrics: Any) -> None:
+    assert metrics["temporal_coherence"] == pytest.approx(0, abs=1e-4)  # float32 positions of up to 256
+    assert all(value == 1 for name, value in metrics.items() if name != "temporal_coherence")
+
+
+@pytest.mark.parametrize("query_mode", ["first", "strided"])
+def test_perfect_predictions_are_perfect(dataset: Path, write_predictions: WritePredictions, query_mode: str) -> None:
+    folder = write_predictions("left", "right", query_mode=query_mode)
+    report = evaluate(dataset, predictions=folder, query_mode=query_mode)
+    assert list(report.videos) == ["left", "right"]
+    assert_perfect(report.videos["left"])
+    assert_perfect(report.mean)
+    assert report.missing == ()
+    assert report.undefined == {}
+
+
+def test_the_mean_is_over_videos(dataset: Path, write_predictions: WritePredictions) -> None:
+    folder = write_predictions("left", "right")
+    queries = sample_queries(read_dataset(dataset)["right"], "strided")
+    write_predictions("right", occluded=~queries.occluded)
+    report = evaluate(dataset, predictions=folder)
+    assert report.videos["left"]["occlusion_accuracy"] == 1
+    assert report.videos["right"]["occlusion_accuracy"] == 0
+    assert report.mean["occlusion_accuracy"] == 0.5
+    assert report.mean["average_pts_within_thresh"] == 1
+
+
+def test_absent_videos_are_named_and_left_out(dataset: Path, write_predictions: WritePredictions) -> None:
+    report = evaluate(dataset, predictions=write_predictions("right"))
+    assert list(report.videos) == ["right"]
+    assert report.missing == ("left",)
+    assert report.to_json()["missing"] == ["left"]
+
+
+def test_a_requested_video_must_be_there(dataset: Path, write_predictions: WritePredictions) -> None:
+    folder = write_predictions("right")
+    assert list(evaluate(dataset, predictions=folder, videos=["right"]).videos) == ["right"]
+    assert evaluate(dataset, predictions=folder, videos=["right"]).missing == ()
+    with pytest.raises(PredictionError, match=r"has no left.npz; it must hold <video>.npz"):
+        evaluate(dataset, predictions=folder, videos=["right", "left"])
+    with pytest.raises(DatasetError, match="has no video up, down; it has left, right"):
+        evaluate(dataset, predictions=folder, videos=["up", "left", "down"])
+    with pytest.raises(DatasetError, match="no video is named"):
+        evaluate(dataset, predictions=folder, videos=[])
+
+
+def test_a_folder_without_any_video_is_an_error(dataset: Path, tmp_path: Path) -> None:
+    with pytest.raises(PredictionError, match=r"has no left.onnx, right.onnx"):
+        evaluate(dataset, models=tmp_path)
+    with pytest.raises(PredictionError, match=r"nowhere has no left.npz"):
+        evaluate(dataset, predictions=tmp_path / "nowhere")
+
+
+def test_exactly_one_source_is_needed(dataset: Path, tmp_path: Path) -> None:
+    with pytest.raises(EvalError, match="either"):
+        evaluate(dataset)
+    with pytest.raises(EvalError, match="either"):
+        evaluate(dataset, models=tmp_path, predictions=tmp_path)
+    with pytest.raises(EvalError, match="strided, first"):
+        evaluate(dataset, models=tmp_path, query_mode="dense")
+
+
+def test_a_video_without_visible_point_is_named_and_does_not_spoil_the_mean(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions
+) -> None:
+    # Visible in frame 0 alone, where the queries are: nothing to score but occlusion.
+    dataset_content["left"]["occluded"][:, 1:] = True
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    report = evaluate(dataset, predictions=write_predictions("left", "right"))
+    assert math.isnan(report.videos["left"]["average_jaccard"])
+    assert report.videos["left"]["occlusion_accuracy"] == 1
+    assert_perfect(report.mean)
+    assert list(report.undefined) == ["left"]
+    assert "average_jaccard" in report.undefined["left"]
+    assert "occlusion_accuracy" not in report.undefined["left"]
+    written = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert written["videos"]["left"]["average_jaccard"] is None
+    assert written["mean"]["average_jaccard"] == 1
+
+
+def test_the_mean_of_nothing_is_undefined(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions
+) -> None:
+    dataset_content["left"]["occluded"][:] = True
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    report = evaluate(dataset, predictions=write_predictions("left", "right"), videos=["left"])
+    assert all(math.isnan(value) for value in report.mean.values())
+    assert set(report.to_json()["mean"].values()) == {None}
+
+
+def test_a_model_is_asked_and_scored(dataset: Path, dataset_content: dict[str, Any], tmp_path: Path) -> None:
+    """The tiny model moves every point by one velocity in its own pixels, of 854x480 where the dataset stores 32x20."""
+    pytest.importorskip("onnx", reason="onnx writes the model; scoring needs onnxruntime only")
+    from tiny_model import VELOCITY, write_tiny_model
+
+    elapsed = np.arange(11)
+    for name, entry in dataset_content.items():
+        velocity = np.array(VELOCITY) / [854, 480]
+        entry["points"] = entry["points"][:, :1] + elapsed[:, None] * velocity
+        entry["occluded"] = np.repeat([elapsed / 11 > 0.5], len(entry["points"]), axis=0)
+        write_tiny_model(tmp_path / f"{name}.onnx", num_frames=11, width=854, height=480, clip_name=name)
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    # Queries in frame 0, from which the model counts its occlusion.
+    assert_perfect(evaluate(dataset, models=tmp_path, query_mode="first").mean)
+
+
+def test_still_points_on_real_video(shared: Path, tmp_path: Path) -> None:
+    """First 32 frames of three DAVIS clips: the points that move least are the easiest for a tracker of no motion."""
+    data = shared / "data" / "tapvid_davis32_dev.pkl"
+    names = ["goat", "camel", "car-shadow"]
+    videos = read_dataset(data)
+    for name in names:
+        video = videos[name]
+        assert (video.num_frames, video.height, video.width) == (32, 256, 256)
+        queries = sample_queries(video, "first").in_pixels(256, 256)
+        np.savez(
+            tmp_path / f"{name}.npz",
+            queries=queries,
+            tracks=np.repeat(queries[:, None, 1:], 32, axis=1),
+            occluded=np.zeros((len(queries), 32), bool),
+        )
+    report = evaluate(data, predictions=tmp_path, query_mode="first")
+    assert list(report.videos) == names
+    assert len(report.missing) == 7
+    for name in names:
+        truth = sample_queries(videos[name], "first")
+        after = np.arange(32) > truth.points[:, :1]
+        # A tracker that says "visible" everywhere is right as often as points are visible.
+        assert report.videos[name]["occlusion_accuracy"] == (~truth.occluded)[after].mean()
+        assert 0 < report.videos[name]["average_jaccard"] < report.videos[name]["average_pts_within_thresh"] < 1
+    assert videos["goat"].frames().shape == (32, 256, 256, 3)

@@ -1,0 +1,159 @@
+"""Who may import whom: runtime and scoring know nothing of torch, and no arrow points back to where it came from."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "decomotion": ROOT / "decomotion",
+    "decomo_export": ROOT / "export" / "decomo_export",
+    "decomo_runtime": ROOT / "runtime" / "decomo_runtime",
+    "decomo_eval": ROOT / "eval" / "decomo_eval",
+}
+GROUND_FLOOR = [
+    "decomotion.__version__",
+    "decomotion.clip",
+    "decomotion.console",
+    "decomotion.errors",
+    "decomotion.files",
+]
+"""What every package may use of the trainer's: small modules without torch."""
+
+MAY_IMPORT = {
+    "decomotion": ["decomotion"],
+    "decomo_export": ["decomo_export", "decomotion", "decomo_runtime"],
+    "decomo_runtime": ["decomo_runtime", *GROUND_FLOOR],
+    "decomo_eval": ["decomo_eval", "decomo_runtime", *GROUND_FLOOR],
+}
+TORCH_FREE = ["decomo_runtime", "decomo_eval"]
+TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+COMMANDS = PROJECT["scripts"]
+
+
+def imported_names(source: str, module: str, is_package: bool) -> Iterator[str]:
+    """Full names of all that `source` imports, wherever in the file: `from a.b import c` gives `a.b.c`."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = module.split(".") if is_package else module.split(".")[:-1]
+            base = parents[: len(parents) + 1 - node.level] if node.level else []
+            origin = ".".join([*base, *([node.module] if node.module else [])])
+            yield from (f"{origin}.{alias.name}" for alias in node.names)
+
+
+def modules_of(package: str) -> Iterator[tuple[str, Path]]:
+    folder = PACKAGES[package]
+    for file in sorted(folder.rglob("*.py")):
+        parts = file.relative_to(folder.parent).with_suffix("").parts
+        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), file
+
+
+def distribution_name(requirement: str) -> str:
+    """`PyYAML>=6` is `pyyaml`."""
+    return re.split(r"[^\w.-]", requirement)[0].lower().replace("_", "-")
+
+
+def run_python(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=120)
+
+
+def test_imported_names_reads_every_form():
+    source = "import a.b, c\nfrom d.e import f as g\nfrom . import h\nfrom ..i import j\ndef k():\n    from l import m"
+    assert set(imported_names(source, "top.mid.leaf", False)) == {"a.b", "c", "d.e.f", "top.mid.h", "top.i.j", "l.m"}
+    assert set(imported_names("from .h import i", "top.mid", True)) == {"top.mid.h.i"}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_import_direction(package: str):
+    allowed = tuple(f"{prefix}." for prefix in MAY_IMPORT[package])
+    forbidden = [
+        f"{file.relative_to(ROOT)} imports {name}"
+        for module, file in modules_of(package)
+        for name in imported_names(file.read_text(), module, file.name == "__init__.py")
+        if name.split(".")[0] in PACKAGES and not f"{name}.".startswith(allowed)
+    ]
+    assert not forbidden, f"{package} may import {MAY_IMPORT[package]} of ours"
+
+
+@pytest.mark.parametrize("package", TORCH_FREE)
+def test_runtime_and_eval_name_no_training_library_even_in_a_function(package: str):
+    forbidden = [
+        f"{file.relative_to(ROOT)} imports {name}"
+        for module, file in modules_of(package)
+        for name in imported_names(file.read_text(), module, file.name == "__init__.py")
+        if name.split(".")[0] in TRAINING_ONLY
+    ]
+    assert not forbidden
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_library_used_is_declared(package: str):
+    """In the base install for runtime, eval and the ground floor; in the training extra at the latest for the rest."""
+    base, extra = PROJECT["dependencies"], PROJECT["optional-dependencies"]["train"]
+    distributions_of = packages_distributions()
+    for module, file in modules_of(package):
+        torch_free = package in TORCH_FREE or module in GROUND_FLOOR
+        declared = {distribution_name(requirement) for requirement in (base if torch_free else [*base, *extra])}
+        libraries = {name.split(".")[0] for name in imported_names(file.read_text(), module, False)}
+        for library in libraries - set(PACKAGES) - set(sys.stdlib_module_names):
+            owners = {distribution_name(owner) for owner in distributions_of.get(library, [library])}
+            assert owners & declared, (
+                f"{file.relative_to(ROOT)} imports {library}, which pyproject.toml does not declare"
+            )
+
+
+def test_runtime_and_eval_import_without_the_training_extra():
+    without_torch = [name for package in TORCH_FREE for name, _ in modules_of(package)]
+    modules = [name for name in [*GROUND_FLOOR, *without_torch] if "__" not in name]
+    assert {"decomotion.clip", "decomo_runtime.cli", "decomo_eval.cli", "decomo_eval.sample.cli"} <= set(modules)
+    hide_then_import = """
+import importlib, sys
+
+hidden, modules = (argument.split(",") for argument in sys.argv[1:])
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in hidden:
+            raise ImportError(f"{name} is hidden: it belongs to the training extra")
+
+sys.meta_path.insert(0, Hidden())
+for module in modules:
+    importlib.import_module(module)
+"""
+    result = run_python(hide_then_import, ",".join(TRAINING_ONLY), ",".join(modules))
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "argv"),
+    [*((command, ["--help"]) for command in COMMANDS), ("decomo-eval", ["tapvid", "--help"])],
+    ids=lambda value: value if isinstance(value, str) else " ".join(value),
+)
+def test_help_is_instant(command: str, argv: list[str]):
+    """Instant: not by the clock, which a busy machine bends, but because nothing heavy is imported."""
+    module, function = COMMANDS[command].split(":")
+    help_then_heavy_modules = """
+import importlib, sys
+
+module, function, heavy, *argv = sys.argv[1:]
+code = getattr(importlib.import_module(module), function)(argv)
+print("imported:", [name for name in heavy.split(",") if name in sys.modules])
+sys.exit(code)
+"""
+    result = run_python(help_then_heavy_modules, module, function, ",".join(TRAINING_ONLY), *argv)
+    assert result.returncode == 0, result.stderr
+    help_text, _, imported = result.stdout.rpartition("imported: ")
+    assert help_text.startswith("Usage: ")
+    assert imported.strip() == "[]"

@@ -1,0 +1,91 @@
+"""What pyproject.toml, the README and CI promise, checked without installing anything."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import subprocess
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import jaxtyping
+import pytest
+import torch
+
+import decomotion
+
+ROOT = Path(__file__).parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+HATCH = PYPROJECT["tool"]["hatch"]["build"]
+COMMANDS = PYPROJECT["project"]["scripts"]
+README = (ROOT / "README.md").read_text()
+
+
+def shell_blocks(markdown: str) -> list[list[str]]:
+    return [block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)]
+
+
+def test_version_is_that_of_the_source():
+    assert version("decomotion") == decomotion.__version__, "pip install -e '.[dev]' again"
+
+
+def test_wheel_editable_install_and_pyright_see_the_same_packages():
+    packages = HATCH["targets"]["wheel"]["packages"]
+    parents = {str(Path(package).parent) for package in packages}
+    assert parents == set(HATCH["dev-mode-dirs"]) == {".", *PYPROJECT["tool"]["pyright"]["extraPaths"]}
+    assert {Path(package).name for package in packages} == {target.split(".")[0] for target in COMMANDS.values()}
+    for package in packages:
+        assert (ROOT / package / "py.typed").is_file()
+        assert importlib.import_module(Path(package).name).__file__ == str(ROOT / package / "__init__.py")
+
+
+def test_a_wrong_shape_fails_in_tests():
+    """The pytest option `--jaxtyping-packages` at work: unchecked, these two would broadcast."""
+    from decomotion.compositing import composite
+
+    with pytest.raises(jaxtyping.TypeCheckError, match="composite"):
+        composite(torch.ones(2, 5), torch.ones(5, 3))
+
+
+def test_readme_begins_with_two_one_line_commands():
+    main_job, tests = shell_blocks(README)[0]
+    assert "'.[train]'" in main_job
+    assert all(command in main_job for command in COMMANDS)
+    assert "'.[dev]'" in tests
+    assert tests.endswith("pytest")
+
+
+def test_ci_runs_the_readme_s_test_command():
+    """The line that .ci/run cuts out of the README is the second one of its first block."""
+    cut = next(line for line in (ROOT / ".ci" / "run").read_text().splitlines() if line.startswith("test_command="))
+    result = subprocess.run(
+        ["bash", "-c", f'{cut}\necho "$test_command"'], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout.strip() == shell_blocks(README)[0][1]
+
+
+def documented_options(command: str) -> set[str]:
+    """The options with which `command` stands in the shell blocks of the README and docs/."""
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    lines = [line for page in pages for block in shell_blocks(page.read_text()) for line in block]
+    calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\|", line)]
+    return {word for call in calls if call[:1] == [command] for word in call[1:] if word.startswith("--")}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_documented_options_exist(command: str, capsys: pytest.CaptureFixture[str]):
+    module, function = COMMANDS[command].split(":")
+    main = getattr(importlib.import_module(module), function)
+    assert main(["tapvid", "--help"] if command == "decomo-eval" else ["--help"]) == 0
+    existing = set(re.findall(r"--[\w-]+", capsys.readouterr().out))
+    assert documented_options(command) <= existing
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+)
+def test_links_lead_somewhere(page: str):
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text())
+    assert [target for target in targets if not ((ROOT / page).parent / target).exists()] == []
