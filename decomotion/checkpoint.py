@@ -76,7 +76,9 @@ def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
     except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError, OSError) as error:
         raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
     if version > FORMAT_VERSION:
-        raise CheckpointError(f"{path} has format {version} but this decomotion reads up to {FORMAT_VERSION}; upgrade it")
+        raise CheckpointError(
+            f"{path} has format {version} but this decomotion reads up to {FORMAT_VERSION}; upgrade it"
+        )
     config = configuration.parse(content["config"], str(path))
     clip = ClipFacts(**content["clip"])
     state = content["model"]

@@ -21,7 +21,9 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of the training extra
     that is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
     """
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    for package in OUR_PACKAGES:
+        logging.getLogger(package).setLevel(logging.INFO)
     try:
         result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
     except InputError as error:

@@ -22,9 +22,7 @@ def sample_depths(
     return near + (bins + offset) * ((far - near) / samples)
 
 
-def lift(
-    xy: Float[Tensor, "*batch 2"], depths: Float[Tensor, "*batch sample"]
-) -> Float[Tensor, "*batch sample 3"]:
+def lift(xy: Float[Tensor, "*batch 2"], depths: Float[Tensor, "*batch sample"]) -> Float[Tensor, "*batch sample 3"]:
     """Local 3D points on the orthographic rays of normalised positions `xy` (x and y do not change along a ray)."""
     samples = depths.shape[-1]
     return torch.cat([xy[..., None, :].expand(*xy.shape[:-1], samples, 2), depths[..., None]], dim=-1)

@@ -135,9 +135,7 @@ def start_maps(kind: str, pool: Pool) -> torch.Tensor:
 class Run:
     """One optimisation: model, optimiser and sampler, and where they are saved."""
 
-    def __init__(
-        self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int
-    ) -> None:
+    def __init__(self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int) -> None:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.sampler = Sampler(pool, config.optim)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
@@ -278,4 +276,3 @@ def _show(bar: Any, done: float, step: int, elapsed: float, losses: dict[str, fl
     left = elapsed / max(done, 1e-6) - elapsed
     shown = "  ".join(f"{name} {value:.3f}" for name, value in losses.items() if name.startswith("flow") and value)
     bar.set_postfix_str(f"step {step}  {step / max(elapsed, 1e-6):.1f}/s  {left / 60:.1f} min left  {shown}")
-

@@ -65,7 +65,9 @@ class Sampler:
         target = torch.where(ahead, frame + gap, frame - gap)
         mirrored = torch.where(ahead, frame - gap, frame + gap)
         target = torch.where((target >= 0) & (target < frames), target, mirrored)
-        target = torch.where((target >= 0) & (target < frames), target, torch.where(frame * 2 < frames, frame + 1, frame - 1))
+        target = torch.where(
+            (target >= 0) & (target < frames), target, torch.where(frame * 2 < frames, frame + 1, frame - 1)
+        )
         point = self._draw_points(frame, generator)
 
         i, j, p = frame.numpy()[:, None], target.numpy()[:, None], point.numpy()

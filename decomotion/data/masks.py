@@ -52,9 +52,7 @@ def residual_motion(
     return result
 
 
-def moving_from_residual(
-    residual: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int
-) -> Mask:
+def moving_from_residual(residual: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int) -> Mask:
     """Masks [frame, H, W] from the residuals of a jittered grid of points, [frame, rows * columns]."""
     threshold = RESIDUAL_PIXELS * max(height, width) / 256
     masks = []

@@ -65,9 +65,7 @@ def _key(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None) ->
     return hashlib.sha256("|".join(parts).encode()).hexdigest()[:20]
 
 
-def _build(
-    clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None, folder: Path, progress: bool
-) -> None:
+def _build(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None, folder: Path, progress: bool) -> None:
     random = np.random.default_rng(0)
     points = jittered_grid(len(clip), clip.height, clip.width, config.pool.points_per_frame, random)
     np.save(folder / "points.npy", points)
@@ -197,8 +195,13 @@ def _features(clip: Clip, points: npt.NDArray[np.float32], config: DataConfig) -
     where = (points + 0.5) * shrink - 0.5
     # cv2.remap takes at most 4 channels at a time
     values = [
-        np.concatenate([_at(np.ascontiguousarray(image[..., at : at + 4]), xy).reshape(len(xy), -1)
-                        for at in range(0, image.shape[-1], 4)], axis=-1)
+        np.concatenate(
+            [
+                _at(np.ascontiguousarray(image[..., at : at + 4]), xy).reshape(len(xy), -1)
+                for at in range(0, image.shape[-1], 4)
+            ],
+            axis=-1,
+        )
         for image, xy in zip(maps, where, strict=True)
     ]
     return np.stack(values).astype(np.float16)

@@ -10,9 +10,7 @@ from torch import Tensor, nn
 def inverse_3x3(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 3 3"]:
     """Closed-form inverse through the adjugate, in operations that every ONNX runtime has."""
     a, b, c = matrix.unbind(-2)
-    cofactors = torch.stack(
-        [torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)], dim=-1
-    )
+    cofactors = torch.stack([torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)], dim=-1)
     determinant = (a * torch.linalg.cross(b, c)).sum(-1)
     return cofactors / determinant[..., None, None]
 

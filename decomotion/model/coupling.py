@@ -125,7 +125,9 @@ class MlpConditioner(nn.Module):
         frequencies = math.pi * 2.0 ** torch.arange(config.frequencies)
         self.register_buffer("frequencies", frequencies, persistent=False)
         self.encode = nn.Linear(2 + 4 * config.frequencies, config.encoding)
-        self.project_code = nn.Sequential(nn.Linear(code_size, code_size), nn.LeakyReLU(), nn.Linear(code_size, code_size))
+        self.project_code = nn.Sequential(
+            nn.Linear(code_size, code_size), nn.LeakyReLU(), nn.Linear(code_size, code_size)
+        )
         self.from_code = nn.Linear(code_size, config.hidden)
         self.from_plane = nn.Linear(config.encoding, config.hidden, bias=False)
         self.hidden = nn.ModuleList(nn.Linear(config.hidden, config.hidden) for _ in range(config.layers - 1))
@@ -167,12 +169,11 @@ class GridConditioner(nn.Module):
         super().__init__()
         self.register_buffer("reach", half, persistent=False)
         self.mixing = nn.ModuleList(nn.Linear(code_size, config.rank, bias=False) for _ in config.cells)
-        self.basis = nn.ParameterList(
-            torch.zeros(config.rank, 2, *grid_size(half, cells)) for cells in config.cells
-        )
+        self.basis = nn.ParameterList(torch.zeros(config.rank, 2, *grid_size(half, cells)) for cells in config.cells)
         for mix in self.mixing:
             assert isinstance(mix, nn.Linear)
-            nn.init.normal_(mix.weight, std=1 / math.sqrt(code_size))
+            # a step of Adam moves each of `rank` grids by the learning rate: together they should move as far as one
+            nn.init.normal_(mix.weight, std=1 / (math.sqrt(code_size) * config.rank))
 
     def condition(self, code: Float[Tensor, "frame code"]) -> Float[Tensor, "frame 2 height width"]:
         """The frames' grids at the finest resolution."""
@@ -213,7 +214,10 @@ class GridConditioner(nn.Module):
         row = (inside[..., 1] + 1) * ((height - 1) / 2) + (frame * height)[:, None].to(where.dtype)
         down = row * (2 / (count * height - 1)) - 1
         values = F.grid_sample(
-            atlas, torch.stack([inside[..., 0], down], dim=-1)[None], mode="bilinear", padding_mode="border",
+            atlas,
+            torch.stack([inside[..., 0], down], dim=-1)[None],
+            mode="bilinear",
+            padding_mode="border",
             align_corners=True,
         )[0]
         return values[0], values[1]

@@ -147,7 +147,9 @@ class DecoMotion(nn.Module):
         The acceleration is computed for the first `smooth_points` of each pair; None: for all.
         """
         middle = frame.clamp(1, max(1, self.num_frames - 2))
-        needed, rows = torch.unique(torch.cat([frame, target_frame, middle - 1, middle, middle + 1]), return_inverse=True)
+        needed, rows = torch.unique(
+            torch.cat([frame, target_frame, middle - 1, middle, middle + 1]), return_inverse=True
+        )
         conditioning = self.condition(needed.clamp(max=self.num_frames - 1))
         here, there, *around = (
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
@@ -176,9 +178,7 @@ class DecoMotion(nn.Module):
             acceleration=self._acceleration(rays.dynamic_canonical[:, :smooth_points], around),
         )
 
-    def _project(
-        self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 2"]:
+    def _project(self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
         xy = local[..., :2]
         if self.config.normalise_weights:
             xy = xy / opacity[..., None].clamp_min(1e-3)
@@ -219,4 +219,3 @@ def canonical_extent(start: Float[Tensor, "frame 3 4"], plane: ImagePlane) -> Fl
 
 MAX_EXTENT = 8.0
 """Canonical boxes end here, in image half-widths: a camera that pans farther reuses the border's cells."""
-

@@ -43,8 +43,8 @@ def surface_of(rays: Rays) -> Surface:
     over both volumes, as in training, would put points of an object's outline between the object and the scene.
     """
     static, dynamic = rays.fused_static.sum(-1, keepdim=True), rays.fused_dynamic.sum(-1, keepdim=True)
-    u = composite(rays.fused_static / static.clamp_min(1e-6), rays.static_canonical)
-    v = composite(rays.fused_dynamic / dynamic.clamp_min(1e-6), rays.dynamic_canonical)
+    u = composite(rays.fused_static, rays.static_canonical) / static.clamp_min(1e-6)
+    v = composite(rays.fused_dynamic, rays.dynamic_canonical) / dynamic.clamp_min(1e-6)
     is_static = static >= dynamic
     return Surface(torch.where(is_static, u, v), is_static[..., 0])
 

@@ -11,6 +11,7 @@ import onnx
 import torch
 
 import decomotion
+from decomo_export.empty import admit_empty
 from decomo_export.graph import QueryGraph
 from decomo_export.parity import Parity, measure
 from decomo_runtime import contract
@@ -45,6 +46,8 @@ def export(path: str | Path, run: str | Path | None = None) -> Exported:
     loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
     graph = QueryGraph(loaded.model.eval()).eval()
     proto = _trace(graph)
+    _name_axes(proto)
+    admit_empty(proto)
     onnx.helper.set_model_props(proto, _metadata(loaded))
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:
@@ -77,6 +80,15 @@ def _trace(graph: QueryGraph) -> onnx.ModelProto:
         logging.getLogger("torch.onnx").setLevel(level)
     assert program is not None
     return program.model_proto
+
+
+def _name_axes(proto: onnx.ModelProto) -> None:
+    """The dynamic axes by the names of the contract: N queries, M frames."""
+    axes = {value.name: value.type.tensor_type.shape.dim for value in (*proto.graph.input, *proto.graph.output)}
+    for name, dims in axes.items():
+        dims[0].dim_param = "M" if name == contract.FRAMES else "N"
+        if name in (contract.TRACKS, contract.OCCLUSION):
+            dims[1].dim_param = "M"
 
 
 def _metadata(loaded: Checkpoint) -> dict[str, str]:

@@ -182,6 +182,15 @@ class TestVideo:
         with pytest.raises(ClipError, match=r"bad\.mp4 does not decode as a video"):
             read_clip(path)
 
+    def test_frame_size_changes_on_the_way(self, tmp_path: Path):
+        parts = [
+            write_video(tmp_path / f"{height}.h264", flat_frames([20, 60], height, width=48)) for height in (32, 64)
+        ]
+        joined = tmp_path / "joined.h264"
+        joined.write_bytes(b"".join(part.read_bytes() for part in parts))
+        with pytest.raises(ClipError, match=r"joined\.h264 changes its frame size on the way"):
+            read_clip(joined)
+
     def test_not_a_video(self, tmp_path: Path):
         (tmp_path / "film.mp4").write_bytes(b"not a film at all" * 20)
         with pytest.raises(ClipError, match=r"film\.mp4 does not decode as a video"):

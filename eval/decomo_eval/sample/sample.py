@@ -35,7 +35,7 @@ class Sample:
 
 
 def generate(seed: int = 0, frames: int = 24, size: int = 256) -> Sample:
-    """The clip of `seed`: the same scene and the same motion at any number of frames and any frame size.
+    """The clip of `seed`: the same motion at any number of frames and any frame size, spread over the frames.
 
     Raises `SampleError` where a number is out of range.
     """

@@ -14,7 +14,7 @@ from decomo_eval.sample.outline import Outline
 from decomo_eval.sample.texture import Image, Texture, draw_ground, draw_skin
 
 BACKGROUND = 0
-GROUND_EXTENT = 1.15
+GROUND_EXTENT = 1.0
 """Half the width of the background's texture, in frames: what pan, zoom and rotation can bring into view."""
 SKIN_EXTENT = 1.55
 """Half the width of an object's texture, in units of its radius: a little more than its outline reaches."""
@@ -75,13 +75,13 @@ def draw_scene(rng: np.random.Generator, size: int) -> Scene:
     layers = []
     for index, (body, texture_rng) in enumerate(zip([_draw_camera(bodies_rng), *bodies], texture_rngs, strict=False)):
         if index == BACKGROUND:
-            # two texels and half a noise cell to a pixel: as fine as the frame can show
+            # two texels to a pixel, and noise down to three pixels a cycle: about as fine as the frame can show
             width = 2 * GROUND_EXTENT * detail
-            layers.append(Layer(body, draw_ground(texture_rng, round(2 * width), GROUND_EXTENT, width / 2, hue)))
+            layers.append(Layer(body, draw_ground(texture_rng, round(2 * width), GROUND_EXTENT, width / 3, hue)))
         else:
             width = 2 * SKIN_EXTENT * math.exp(body.motion.log_scale.mean) * detail
             object_hue = hue + 0.25 + 0.618 * index
-            skin = draw_skin(texture_rng, round(2 * width), SKIN_EXTENT, width / 2, object_hue)
+            skin = draw_skin(texture_rng, round(2 * width), SKIN_EXTENT, width / 3, object_hue)
             layers.append(Layer(body, _shaded(skin, body)))
     return Scene(tuple(layers))
 
@@ -107,7 +107,7 @@ def is_eventful(bodies: list[Body]) -> bool:
 
 def _probe(bodies: list[Body]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Of each body's material, by time: shares [time, body] inside the frame and seen, share [time, a, b] of a under b."""
-    grid = np.stack(np.meshgrid(*[np.linspace(-1.4, 1.4, 15)] * 2), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.4, 1.4, 11)] * 2), axis=-1).reshape(-1, 2)
     shape = (len(PROBE_TIMES), len(bodies))
     inside, seen, overlap = np.zeros(shape), np.zeros(shape), np.zeros((*shape, len(bodies)))
     for moment, time in enumerate(PROBE_TIMES):
@@ -126,7 +126,7 @@ def _probe(bodies: list[Body]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.
 
 def _draw_crossing(rng: np.random.Generator, count: int) -> list[Body]:
     """Objects of which two pass near one place at one time, in different directions, in random depth order."""
-    time, place, heading = rng.uniform(0.3, 0.7), rng.uniform(0.3, 0.7, 2), rng.uniform(0, 2 * np.pi)
+    time, place, heading = rng.uniform(0.25, 0.75), rng.uniform(0.25, 0.75, 2), rng.uniform(0, 2 * np.pi)
     bodies = []
     for index in range(count):
         if index >= 2:
@@ -141,7 +141,7 @@ def _draw_object(
     rng: np.random.Generator, time: float, place: npt.NDArray[np.float64], heading: float
 ) -> Body:
     """An object that passes about `place` at `time`; it turns, breathes, bends and ripples on its way."""
-    speed = rng.uniform(0.3, 0.55)
+    speed = rng.uniform(0.28, 0.5)
     velocity = speed * np.array([np.cos(heading), np.sin(heading)])
     x, y = place + velocity * (0.5 - time)
     radius = rng.uniform(0.13, 0.19)
@@ -173,7 +173,7 @@ def _swing(rng: np.random.Generator, low: float, high: float) -> tuple[float, fl
 
 def _draw_camera(rng: np.random.Generator) -> Body:
     """The background as a panning, turning, zooming camera sees it; rows move unequally, as ground seen at a slant."""
-    heading, pan = rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.35)
+    heading, pan = rng.uniform(0, 2 * np.pi), rng.uniform(0.12, 0.3)
     parallax = Swing(0.0, rng.uniform(0.02, 0.05) * rng.choice([-1, 1]))
     motion = Motion(
         x=Swing(0.5, pan * math.cos(heading), *_swing(rng, 0.005, 0.02)),

@@ -1,8 +1,7 @@
-"""Procedural textures: overlapping leaves of all sizes, spots and stripes, each under multi-octave noise.
+"""Procedural textures: overlapping leaves of all sizes, spots and stripes, each lit by noise of every scale.
 
-Leaves of power-law sizes that cover one another ("dead leaves") and noise of near-equal contrast in every octave both
-give the 1/f amplitude spectrum of natural images; the noise leaves no place without texture. Patterns are drawn in
-fractions of the texture, so that another resolution shows the same scene.
+Leaves of power-law sizes that cover one another ("dead leaves") and noise that falls with frequency both give the 1/f
+amplitude spectrum of natural images; the noise leaves no place without texture.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ class Texture:
         return cv2.remap(self.image, texel, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)  # type: ignore[call-overload]
 
 
-def octave_noise(rng: np.random.Generator, resolution: int, coarsest: float, finest: float, falloff: float) -> Image:
-    """Noise [R, R] of mean 0 and deviation about 1: octaves from `coarsest` to `finest` cells across, each `falloff` times
-    as strong as the one before.
+def natural_noise(rng: np.random.Generator, resolution: int, coarsest: float, finest: float, falloff: float) -> Image:
+    """Noise [R, R] of mean 0 and deviation 1 whose amplitude falls as frequency^-falloff; 1 is that of natural images.
+
+    Frequencies from `coarsest` to `finest` cycles across the texture, the same strength in every direction.
     """
-    total, power, strength, cells = np.zeros((resolution, resolution), np.float32), 0.0, 1.0, coarsest
-    while cells <= finest:
-        count = round(cells)
-        lattice = rng.standard_normal((count, count), np.float32)
-        octave = cv2.resize(lattice, (resolution, resolution), interpolation=cv2.INTER_CUBIC)
-        total += strength * (octave / max(float(octave.std()), 1e-6))
-        power, strength, cells = power + strength**2, strength * falloff, cells * 2
-    return total / np.float32(np.sqrt(power))
+    grid = 2 * round(2 * finest)
+    spectrum = np.fft.rfft2(rng.standard_normal((grid, grid)))
+    frequency = np.hypot(np.fft.fftfreq(grid, 1 / grid)[:, None], np.fft.rfftfreq(grid, 1 / grid))
+    shape = np.where((frequency >= coarsest) & (frequency <= finest), np.maximum(frequency, 1) ** -falloff, 0)
+    noise = np.fft.irfft2(spectrum * shape, (grid, grid))
+    noise = (noise / noise.std()).astype(np.float32)
+    return cv2.resize(noise, (resolution, resolution), interpolation=cv2.INTER_CUBIC)
 
 
 def draw_palette(rng: np.random.Generator, hue: float, spread: float, saturation: tuple[float, float]) -> Image:
@@ -88,23 +87,23 @@ def paint_stripes(rng: np.random.Generator, resolution: int, palette: Image, ban
     row, column = np.mgrid[0:resolution, 0:resolution].astype(np.float32) / np.float32(resolution)
     turn = rng.uniform(0, np.pi)
     along = np.cos(turn) * column + np.sin(turn) * row
-    bent = along * bands + 0.45 * octave_noise(rng, resolution, 4, 16, 0.5)
+    bent = along * bands + 0.45 * natural_noise(rng, resolution, 2, 8, 2.0)
     share = 0.5 + 0.5 * np.tanh(4 * np.sin(2 * np.pi * bent))[..., None]
     dark, bright = palette[rng.integers(0, 2)], palette[rng.integers(4, 6)]
     return (dark * (1 - share) + bright * share).astype(np.float32)
 
 
 def roughen(rng: np.random.Generator, colours: Image, finest: float, contrast: float) -> Image:
-    """`colours` [R, R, 3] lit by multi-octave noise, with a fainter tint of its own in each channel."""
+    """`colours` [R, R, 3] lit by noise up to `finest` cycles across, with a fainter tint of its own in each channel."""
     resolution = len(colours)
-    light = octave_noise(rng, resolution, 6, finest, 0.9)[..., None]
-    tint = np.stack([octave_noise(rng, resolution, 4, finest / 4, 0.8) for _ in range(3)], axis=-1)
+    light = natural_noise(rng, resolution, 3, finest, 1.2)[..., None]
+    tint = np.stack([natural_noise(rng, resolution, 2, finest / 4, 1.0) for _ in range(3)], axis=-1)
     return np.clip(colours * np.exp(contrast * light + 0.06 * tint), 0.02, 0.98).astype(np.float32)
 
 
 def draw_ground(rng: np.random.Generator, resolution: int, extent: float, finest: float, hue: float) -> Texture:
     """The background's texture: muted, with structures from a few pixels to a quarter of the frame."""
-    palette = draw_palette(rng, hue, 0.12, (0.08, 0.4))
+    palette = draw_palette(rng, hue, 0.12, (0.08, 0.35))
     blank = np.broadcast_to(palette[2], (resolution, resolution, 3))
     leaves = paint_leaves(rng, blank, palette, 1600, (0.008, 0.16))
     return Texture(roughen(rng, leaves, finest, 0.2), extent)
@@ -112,7 +111,7 @@ def draw_ground(rng: np.random.Generator, resolution: int, extent: float, finest
 
 def draw_skin(rng: np.random.Generator, resolution: int, extent: float, finest: float, hue: float) -> Texture:
     """An object's texture: more colourful than the background; leaves, spots or stripes."""
-    palette = draw_palette(rng, hue, 0.07, (0.45, 0.85))
+    palette = draw_palette(rng, hue, 0.07, (0.35, 0.7))
     plain = np.broadcast_to(palette[rng.integers(2, 5)], (resolution, resolution, 3))
     kind = rng.integers(3)
     if kind == 0:
