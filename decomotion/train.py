@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import logging
+import signal
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from threading import Event, current_thread, main_thread
 from typing import Any
 
 import torch
@@ -30,6 +34,10 @@ from decomotion.schedule import learning_rate_factor, longest_gap, value_at
 log = logging.getLogger(__name__)
 
 
+MIN_SECONDS = 1.0
+"""A run optimises for this long even where preparation has used up its time."""
+
+
 @dataclass(frozen=True)
 class Budget:
     """When a run is over: after `steps`, or after `seconds` of wall time, preparation included."""
@@ -37,9 +45,11 @@ class Budget:
     steps: int
     seconds: float | None = None
 
-    def progress(self, step: int, elapsed: float) -> float:
-        """Fraction of the run that is done."""
-        return step / self.steps if self.seconds is None else min(1.0, elapsed / self.seconds)
+    def progress(self, step: int, elapsed: float, prepared: float) -> float:
+        """Fraction of the optimisation that is done, `prepared` seconds of `elapsed` having gone to preparation."""
+        if self.seconds is None:
+            return step / self.steps
+        return min(1.0, (elapsed - prepared) / max(self.seconds - prepared, MIN_SECONDS))
 
 
 def fit(
@@ -63,7 +73,7 @@ def fit(
         config: the configuration; default: the `cpu` preset, or `paper` where there is a CUDA device.
         steps: number of optimisation steps; default: the configuration's.
         time_budget: seconds that the whole call may take; the schedules are fitted to it. Excludes `steps`.
-        resume: continue the run in `out`, with its own configuration and seed.
+        resume: continue the run in `out`, with its own configuration and seed, and its budget where none is given.
         rebuild_cache: prepare the supervision anew.
         seed: seed of everything random.
         device: `auto`, `cpu`, `cuda` or any name torch knows.
@@ -82,8 +92,9 @@ def fit(
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
         run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
-    budget = Budget(run.config.optim.steps if steps is None else steps, time_budget)
-    run.loop(budget, begin, progress)
+    if steps is not None or time_budget is not None:
+        run.budget = Budget(steps or run.config.optim.steps, time_budget)
+    run.loop(begin, progress)
     return folder
 
 
@@ -139,15 +150,20 @@ class Run:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.sampler = Sampler(pool, config.optim)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
+        self.budget = Budget(config.optim.steps)
         self.step = 0
         self.elapsed = 0.0
+        """Wall time in seconds that the run has taken, its preparation included."""
+        self.prepared = 0.0
+        """Seconds of it that the preparation took."""
         self.device = next(model.parameters()).device
 
     def restore(self, training: dict[str, Any]) -> None:
         """Continues where `training`, written by `save`, was."""
         self.optimiser.load_state_dict(training["optimiser"])
         self.sampler.errors.copy_(training["errors"])
-        self.step, self.elapsed = training["step"], training["elapsed"]
+        self.step, self.elapsed, self.prepared = training["step"], training["elapsed"], training["prepared"]
+        self.budget = Budget(**training["budget"])
 
     def save(self) -> None:
         """Writes the checkpoint."""
@@ -156,21 +172,25 @@ class Run:
             "errors": self.sampler.errors,
             "step": self.step,
             "elapsed": self.elapsed,
+            "prepared": self.prepared,
             "seed": self.seed,
+            "budget": asdict(self.budget),
         }
         checkpoint.save(self.folder / checkpoint.FILE_NAME, self.config, self.clip, self.model, training)
 
-    def loop(self, budget: Budget, begin: float, progress: bool) -> None:
+    def loop(self, begin: float, progress: bool) -> None:
         """Optimises until the budget is spent; saves on the way, on Ctrl-C and at the end."""
         from torch.utils.tensorboard import SummaryWriter
 
         begin -= self.elapsed
+        if not self.step:
+            self.prepared = self.elapsed = time.monotonic() - begin
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.step)
         saved = shown = time.monotonic()
-        pictures = 0
+        pictures = int(self.progress * self.config.log.previews)
         bar = tqdm(total=100, desc="fit", disable=not progress, bar_format="{desc} {percentage:3.0f}%|{bar}| {postfix}")
-        try:
-            while (done := budget.progress(self.step, self.elapsed)) < 1:
+        with interrupt_flag() as interrupted, closing(writer), closing(bar):
+            while (done := self.progress) < 1 and not interrupted.is_set():
                 losses = self.optimise(done)
                 self.step += 1
                 now = time.monotonic()
@@ -180,21 +200,23 @@ class Run:
                         writer.add_scalar(f"loss/{name}", value, self.step)
                 if now - shown > 1:
                     shown = now
-                    _show(bar, done, self.step, self.elapsed, losses)
+                    _show(bar, self, losses)
                 if done * self.config.log.previews >= pictures + 1:
                     pictures += 1
                     self.preview(writer)
                 if now - saved > self.config.log.checkpoint_seconds:
                     self.save()
                     saved = time.monotonic()
-        except KeyboardInterrupt:
-            log.info("interrupted at step %d; continue with decomo-train --resume --out %s", self.step, self.folder)
-            raise
-        finally:
             self.save()
-            writer.close()
-            bar.close()
+        if done < 1:
+            log.info("stopped at step %d; continue with --resume --out %s", self.step, self.folder)
+            raise KeyboardInterrupt
         self.preview(None)
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the optimisation that is done."""
+        return self.budget.progress(self.step, self.elapsed, self.prepared)
 
     def optimise(self, progress: float) -> dict[str, float]:
         """One step; returns the unweighted losses."""
@@ -271,8 +293,29 @@ def _parameter_groups(model: DecoMotion, config: Config) -> list[dict[str, Any]]
     ]
 
 
-def _show(bar: Any, done: float, step: int, elapsed: float, losses: dict[str, float]) -> None:
-    bar.n = round(100 * done)
-    left = elapsed / max(done, 1e-6) - elapsed
-    shown = "  ".join(f"{name} {value:.3f}" for name, value in losses.items() if name.startswith("flow") and value)
-    bar.set_postfix_str(f"step {step}  {step / max(elapsed, 1e-6):.1f}/s  {left / 60:.1f} min left  {shown}")
+def _show(bar: Any, run: Run, losses: dict[str, float]) -> None:
+    bar.n = round(100 * run.progress)
+    optimising = run.elapsed - run.prepared
+    left = optimising / max(run.progress, 1e-6) - optimising
+    shown = "  ".join(f"{name} {value:.2f}" for name, value in losses.items() if name.startswith("flow"))
+    bar.set_postfix_str(f"step {run.step}  {run.step / optimising:.1f}/s  {left / 60:.1f} min left  {shown}")
+
+
+@contextmanager
+def interrupt_flag() -> Iterator[Event]:
+    """An event that the first Ctrl-C sets, so that a step is never cut in two; a second Ctrl-C interrupts at once."""
+    event = Event()
+    if current_thread() is not main_thread():
+        yield event
+        return
+    former = signal.getsignal(signal.SIGINT)
+
+    def note(*_: object) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, former)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, former)

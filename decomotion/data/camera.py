@@ -18,7 +18,7 @@ def fit_affine(source: npt.NDArray[np.float32], target: npt.NDArray[np.float32],
         estimate = cv2.estimateAffinePartial2D if similarity else cv2.estimateAffine2D
         matrix, _ = estimate(source, target, method=cv2.RANSAC, ransacReprojThreshold=RANSAC_PIXELS, maxIters=2000)
         if matrix is not None:
-            return matrix
+            return matrix.astype(np.float64)
     shift = np.median(target - source, axis=0) if len(source) else np.zeros(2)
     return np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float64)
 
@@ -30,7 +30,7 @@ def compose(outer: Affine, inner: Affine) -> Affine:
 
 def invert(matrix: Affine) -> Affine:
     """The inverse of a 2x3 affine map."""
-    return np.linalg.inv(homogeneous(matrix))[:2]
+    return np.linalg.inv(homogeneous(matrix))[:2].astype(np.float64)
 
 
 def homogeneous(matrix: Affine) -> Affine:

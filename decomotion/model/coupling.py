@@ -8,12 +8,14 @@ What it moves by is therefore known on both sides of the layer, and the inverse 
 With a direction along an axis this is OmniMotion's layer. A direction that is oblique to the depth axis sees a
 surface z = const through a one-to-one projection, so a single layer can shift each point of the surface by an
 amount of its own; an axis-aligned layer can only shift whole lines of it.
+
+What s and m are comes from a conditioner: `condition(code)` computes what it needs of each frame, once per frame;
+calling it with positions in the plane gives s and m, with `frame` picking each batch row's frame (None: row by row).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import torch
 import torch.nn.functional as F
@@ -25,26 +27,9 @@ from decomotion.config import GridConditionerConfig, MlpConditionerConfig
 LOG_SCALE_LIMIT = 8.0
 
 
-class Conditioner(Protocol):
-    """What a coupling layer moves by: log-scale and shift as functions of two coordinates and the frame."""
-
-    def condition(self, code: Float[Tensor, "frame code"]) -> Float[Tensor, "frame ..."]:
-        """What the conditioner needs of each frame, computed once per frame and not per point."""
-        ...
-
-    def __call__(
-        self,
-        plane: Float[Tensor, "batch point 2"],
-        conditioning: Float[Tensor, "frame ..."],
-        frame: Int[Tensor, " batch"] | None,
-    ) -> tuple[Float[Tensor, "batch point"], Float[Tensor, "batch point"]]:
-        """Log-scale s and shift m. `frame` picks the row of `conditioning` for each batch row; None: row by row."""
-        ...
-
-
 def build_conditioner(
     config: MlpConditionerConfig | GridConditionerConfig, code_size: int, half: Float[Tensor, "2"]
-) -> nn.Module:
+) -> MlpConditioner | GridConditioner:
     """The conditioner that `config` describes, for points within +-`half` in the plane across the direction."""
     return MlpConditioner(config, code_size) if config.kind == "mlp" else GridConditioner(config, code_size, half)
 
@@ -146,7 +131,7 @@ class MlpConditioner(nn.Module):
         frame: Int[Tensor, " batch"] | None,
     ) -> tuple[Float[Tensor, "batch point"], Float[Tensor, "batch point"]]:
         """Log-scale and shift, the former clamped to +-8 as in OmniMotion."""
-        rows = conditioning if frame is None else conditioning[frame]
+        rows = conditioning if frame is None else conditioning.index_select(0, frame)
         angles = (plane[..., None] * self.frequencies).flatten(-2)
         encoded = F.leaky_relu(self.encode(torch.cat([plane, torch.sin(angles), torch.cos(angles)], dim=-1)))
         hidden = F.leaky_relu(self.from_plane(encoded) + rows[:, None])

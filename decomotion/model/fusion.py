@@ -75,7 +75,7 @@ class Prediction:
     """Pseudo-depth in the target frame of each static sample."""
     dynamic_depths: Float[Tensor, "pair point sample"]
     """Pseudo-depth in the target frame of each dynamic sample."""
-    acceleration: Float[Tensor, "pair point sample 3"]
+    acceleration: Float[Tensor, "pair smooth_point sample 3"]
     """Second difference over neighbouring frames of each dynamic sample's local position, normalised units."""
 
 

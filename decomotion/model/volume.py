@@ -24,7 +24,9 @@ class Conditioning:
 
     def take(self, frame: Int[Tensor, " row"]) -> Conditioning:
         """The conditioning of the rows `frame`, copied out."""
-        return Conditioning(self.affine[frame], tuple(layer[frame] for layer in self.couplings))
+        return Conditioning(
+            self.affine.index_select(0, frame), tuple(layer.index_select(0, frame) for layer in self.couplings)
+        )
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,8 @@ class Volume(nn.Module):
 
     def condition(self, codes: Float[Tensor, "all code"], frames: Int[Tensor, " frame"]) -> Conditioning:
         """Conditioning of `frames`, given the codes of all frames."""
-        couplings = tuple(layer.condition(codes[frames]) for layer in self._layers())
-        return Conditioning(self.affine.condition(codes)[frames], couplings)
+        couplings = tuple(layer.condition(codes.index_select(0, frames)) for layer in self._layers())
+        return Conditioning(self.affine.condition(codes).index_select(0, frames), couplings)
 
     def to_canonical(
         self,
@@ -78,7 +80,7 @@ class Volume(nn.Module):
         frame: Int[Tensor, " batch"] | None = None,
     ) -> Float[Tensor, "batch point 3"]:
         """Local to canonical. `frame` picks each batch row's row of `conditioning`; None where they correspond."""
-        maps = conditioning.affine if frame is None else conditioning.affine[frame]
+        maps = conditioning.affine if frame is None else conditioning.affine.index_select(0, frame)
         points = self.affine.to_canonical(centred(points), maps)
         for layer, rows in zip(self._layers(), conditioning.couplings, strict=True):
             points = layer.to_canonical(points, rows, frame)
@@ -91,7 +93,7 @@ class Volume(nn.Module):
         frame: Int[Tensor, " batch"] | None = None,
     ) -> Float[Tensor, "batch point 3"]:
         """Canonical to local, the exact inverse of `to_canonical`."""
-        maps = conditioning.affine if frame is None else conditioning.affine[frame]
+        maps = conditioning.affine if frame is None else conditioning.affine.index_select(0, frame)
         for layer, rows in zip(reversed(self._layers()), reversed(conditioning.couplings), strict=True):
             points = layer.from_canonical(points, rows, frame)
         return decentred(self.affine.from_canonical(points, maps))

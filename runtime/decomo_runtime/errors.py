@@ -1,4 +1,4 @@
-"""What can be wrong with a model file, a query or an output path; each error's text is one sentence that says what to do."""
+"""What can be wrong with a model file, a query or an output; each text is one sentence that says what to do."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,7 +46,7 @@ def open_session(
     `providers` defaults to the CPU, `threads` (within one operator) to onnxruntime's own choice.
     """
     import onnxruntime
-    from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+    from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors  # pyright: ignore[reportAttributeAccessIssue]
 
     _check_file(path)
     options = onnxruntime.SessionOptions()
@@ -64,8 +65,8 @@ def open_session(
         ) from error
     except (ort_errors.Fail, ort_errors.InvalidGraph, ort_errors.NotImplemented, ort_errors.RuntimeException) as error:
         raise ModelFileError(
-            f"onnxruntime {onnxruntime.__version__} cannot run {path}; a newer one may "
-            f"('pip install -U onnxruntime'), else export the model again ({_reason(error)})"
+            f"{path} does not run in onnxruntime {onnxruntime.__version__} ({_reason(error)}); upgrade with "
+            f"'pip install -U onnxruntime', or export the model again"
         ) from error
 
 
@@ -146,5 +147,5 @@ def _number(
 
 
 def _reason(error: Exception) -> str:
-    """The last sentence of onnxruntime's message, without its source locations."""
-    return " ".join(str(error).rsplit("failed:", 1)[-1].split())[:200]
+    """The last sentence of onnxruntime's message, without the source location that may come before it."""
+    return re.split(r"\) |\. ", str(error).strip())[-1].strip(" ,.")

@@ -31,6 +31,8 @@ TRAIL = 12
 _COLOUR_KEPT, _LIGHT_KEPT = 0.55, 0.8
 """How far the frame is muted, so that the inks stand out."""
 _OCCLUDED_INK, _RIM_INK = 0.3, 0.55
+_LAST_HUE = 150
+"""Magenta, of OpenCV's 180 hues; the rest of the wheel would lead back to red."""
 _SHIFT = 4
 """OpenCV draws at 1 / 2**_SHIFT of a pixel."""
 _FAR = 8192
@@ -75,14 +77,18 @@ def draw_tracks(frames: Image, tracks: Tracks, *, trail: int = TRAIL, long_side:
 
 
 def rainbow(queries: npt.NDArray[np.float32]) -> Image:
-    """RGB [N, 3]: a colour for each query (t, x, y) by its place along the diagonal of the box that holds them all."""
+    """RGB [N, 3], from red to magenta: the colour of each query (t, x, y) by its place in the box that holds them all.
+
+    The hue runs from the upper left to the lower right, a little faster sideways, so that rows and columns differ.
+    """
     if len(queries) == 0:
         return np.empty((0, 3), np.uint8)
     place = queries[:, 1:].astype(np.float64)
     extent = np.ptp(place, axis=0)
-    along = ((place - place.min(0)) / np.where(extent > 0, extent, 1)).mean(1)
-    levels = np.rint(24 + 216 * along).astype(np.uint8)
-    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    along = ((place - place.min(0)) / np.where(extent > 0, extent, 1)) @ (0.6, 0.4)
+    hue = _LAST_HUE * along
+    wheel = np.stack([hue, np.full_like(hue, 0.75 * 255), np.full_like(hue, 255)], axis=1)
+    return cv2.cvtColor(np.rint(wheel).astype(np.uint8)[None], cv2.COLOR_HSV2RGB)[0].astype(np.uint8, copy=False)
 
 
 def contact_sheet(frames: Sequence[Image], *, gap: int = 8) -> Image:
@@ -127,11 +133,10 @@ def _draw_trails(
     for step in range(length - 1):
         fade = 1 - (length - 2 - step) / trail
         ends = places[:, step : step + 2]
-        hidden = occluded[:, step : step + 2].any(1)
-        for point in np.flatnonzero(np.isfinite(ends).all((1, 2))):
+        hidden = occluded[:, step] | occluded[:, step + 1]
+        for point in np.flatnonzero(np.isfinite(ends).all(axis=(1, 2))):
             ink = _ink(inks[point], fade * (_OCCLUDED_INK if hidden[point] else 0.9))
-            start, end = (_fixed(place) for place in ends[point])
-            cv2.line(layer, start, end, ink, pen.thickness, cv2.LINE_AA, _SHIFT)
+            cv2.line(layer, _fixed(ends[point, 0]), _fixed(ends[point, 1]), ink, pen.thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _draw_marks(

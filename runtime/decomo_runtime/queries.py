@@ -80,7 +80,7 @@ def parse_points(texts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 
 def read_queries(path: str | Path) -> npt.NDArray[np.float64]:
-    """[N, 3] rows of (t, x, y) from a csv file whose header names t, x and y in any order; other columns are ignored."""
+    """[N, 3] rows of (t, x, y) from a csv file with a header: t, x and y in any order, other columns are ignored."""
     path = Path(path)
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -127,7 +127,7 @@ def grid_queries(step: float, frame: int, height: int, width: int) -> npt.NDArra
 
 def _centred(size: int, step: float) -> npt.NDArray[np.float64]:
     count = int((size - 1) // step) + 1
-    return (size - 1 - (count - 1) * step) / 2 + step * np.arange(count)
+    return (size - 1 - (count - 1) * step) / 2 + step * np.arange(count, dtype=np.float64)
 
 
 def parse_frames(text: str, num_frames: int) -> npt.NDArray[np.int64]:

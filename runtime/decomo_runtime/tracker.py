@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
 
 RAYS_PER_CALL = 4096
-"""Rays that one call of the session may render, the query's own and one for each target frame: bounds its memory."""
+"""Rays that one call of the session may render: each query's own and one for each target frame. Bounds its memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +89,7 @@ class Tracker:
         """Score above which a point counts as occluded."""
         return self.facts.occlusion_threshold
 
-    def track(
-        self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None, *, chunk: int | None = None
-    ) -> Tracks:
+    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None, *, chunk: int | None = None) -> Tracks:
         """Follows `queries` [N, 3], rows of (t, x, y), to `frames` [M] (default: every frame of the clip).
 
         `chunk` is the number of queries a call of the session gets; by default what keeps memory bounded. It changes
@@ -124,7 +123,8 @@ class Tracker:
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]
     ) -> list[npt.NDArray[np.float32]]:
-        return self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
+        answer = self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
+        return cast("list[npt.NDArray[np.float32]]", answer)
 
     def __reduce__(self) -> tuple[object, ...]:
         return _reopen, self._opened_with

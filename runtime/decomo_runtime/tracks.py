@@ -57,23 +57,22 @@ class Tracks:
             with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as file:
                 arrays = dict(file)
         except (EOFError, OSError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-            raise TracksFileError(f"{path} is not a readable npz file of tracks; write one with 'decomo-track'") from error
+            raise TracksFileError(f"{path} is not an npz file of tracks; write one with 'decomo-track'") from error
         missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
         if missing:
             raise TracksFileError(f"{path} lacks the arrays {', '.join(sorted(missing))}; write it with 'decomo-track'")
-        xy, queries = arrays["tracks"], arrays["queries"]
-        frames = arrays.get("frames", np.arange(xy.shape[1] if xy.ndim == 3 else 0))
-        shapes = {"queries": (len(xy), 3), "tracks": (len(xy), len(frames), 2)}
-        shapes |= dict.fromkeys(("occluded", "occlusion"), (len(xy), len(frames)))
-        for key, shape in shapes.items():
+        points, length = arrays["tracks"].shape[:2] if arrays["tracks"].ndim == 3 else (0, 0)
+        arrays.setdefault("frames", np.arange(length))
+        shapes = {"tracks": (points, length, 2), "queries": (points, 3), "frames": (length,)}
+        for key, shape in {**shapes, "occluded": (points, length), "occlusion": (points, length)}.items():
             if arrays[key].shape != shape:
                 raise TracksFileError(f"{path}: {key} has the shape {list(arrays[key].shape)}, must be {list(shape)}")
         return cls(
-            xy.astype(np.float32),
+            arrays["tracks"].astype(np.float32),
             arrays["occluded"].astype(bool),
             arrays["occlusion"].astype(np.float32),
-            queries.astype(np.float32),
-            frames.astype(np.int64),
+            arrays["queries"].astype(np.float32),
+            arrays["frames"].astype(np.int64),
         )
 
     def _write_npz(self, path: Path) -> None:

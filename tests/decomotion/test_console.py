@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import click
@@ -76,6 +77,16 @@ def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.Captu
 def test_our_own_bugs_keep_their_traceback(bug: Exception):
     with pytest.raises(type(bug)):
         run(raising(bug), [])
+
+
+def test_our_progress_is_shown_and_the_chatter_of_libraries_is_not(caplog: pytest.LogCaptureFixture):
+    def report() -> None:
+        logging.getLogger("decomo_eval.scoring").info("scored goat")
+        logging.getLogger("onnxscript.rewriter").info("replaced an initializer")
+        logging.getLogger("onnxscript.rewriter").warning("no rule for Foo")
+
+    run(command_that(report), [])
+    assert caplog.messages == ["scored goat", "no rule for Foo"]
 
 
 def test_what_a_command_returns_is_the_exit_code_when_it_is_one():

@@ -13,18 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-STILL = 0.0
-
 
 @dataclass(frozen=True)
 class Swing:
-    """A number that drifts and swings with time: mean + slope (time - 1/2) + amplitude sin(2 pi (cycles time + phase))."""
+    """A number in time: mean + slope (time - 1/2) + amplitude sin(2 pi (cycles time + phase))."""
 
-    mean: float = STILL
-    slope: float = STILL
-    amplitude: float = STILL
-    cycles: float = STILL
-    phase: float = STILL
+    mean: float = 0.0
+    slope: float = 0.0
+    amplitude: float = 0.0
+    cycles: float = 0.0
+    phase: float = 0.0
 
     def at(self, time: float) -> float:
         """The number at `time`."""

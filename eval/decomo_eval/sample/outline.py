@@ -33,7 +33,7 @@ class Outline:
         return -np.sin(angle[..., None] * ORDERS + self.phases) @ (self.amplitudes * ORDERS)
 
     def distance(self, uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Signed distance to the curve from material [..., 2], negative inside: the sign exact, the size to first order."""
+        """Signed distance to the curve from material [..., 2]: negative inside, its size of first order."""
         angle = np.arctan2(uv[..., 1], uv[..., 0])
         radius = self.radius(angle)
         return (np.hypot(uv[..., 0], uv[..., 1]) - radius) / np.hypot(1, self.slope(angle) / radius)

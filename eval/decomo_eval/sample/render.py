@@ -13,7 +13,7 @@ from decomo_eval.sample.texture import Image
 
 BLUR = 0.45
 """Deviation of the lens's blur, pixels."""
-NOISE = 1.5 / 255
+NOISE = 2.0 / 255
 """Deviation of the sensor's noise."""
 FLICKER = 0.05
 """How much the light swings."""
@@ -41,7 +41,7 @@ def render_frame(scene: Scene, time: float, size: int) -> Image:
     canvas = background.texture.at(background.warp(time).to_material(everywhere))
     for layer in objects:
         _paint(canvas, layer, time)
-    return cv2.resize(canvas, (size, size), interpolation=cv2.INTER_AREA)
+    return cv2.resize(canvas, (size, size), interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
 
 
 def _paint(canvas: Image, layer: Layer, time: float) -> None:

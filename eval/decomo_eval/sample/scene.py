@@ -67,7 +67,7 @@ class Scene:
 
 
 def draw_scene(rng: np.random.Generator, size: int) -> Scene:
-    """A random scene with textures fine enough for frames of `size` x `size`; its geometry does not depend on `size`."""
+    """A random scene; `size` of the frames decides how fine its textures are, not its geometry."""
     bodies_rng, *texture_rngs = rng.spawn(6)
     bodies = draw_bodies(bodies_rng)
     detail = max(size, REFERENCE_SIZE)
@@ -106,7 +106,7 @@ def is_eventful(bodies: list[Body]) -> bool:
 
 
 def _probe(bodies: list[Body]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Of each body's material, by time: shares [time, body] inside the frame and seen, share [time, a, b] of a under b."""
+    """Shares of each body's material: [time, body] in the frame, [time, body] seen, [time, a, b] of a under b."""
     grid = np.stack(np.meshgrid(*[np.linspace(-1.4, 1.4, 11)] * 2), axis=-1).reshape(-1, 2)
     shape = (len(PROBE_TIMES), len(bodies))
     inside, seen, overlap = np.zeros(shape), np.zeros(shape), np.zeros((*shape, len(bodies)))
@@ -137,9 +137,7 @@ def _draw_crossing(rng: np.random.Generator, count: int) -> list[Body]:
     return [bodies[index] for index in rng.permutation(count)]
 
 
-def _draw_object(
-    rng: np.random.Generator, time: float, place: npt.NDArray[np.float64], heading: float
-) -> Body:
+def _draw_object(rng: np.random.Generator, time: float, place: npt.NDArray[np.float64], heading: float) -> Body:
     """An object that passes about `place` at `time`; it turns, breathes, bends and ripples on its way."""
     speed = rng.uniform(0.28, 0.5)
     velocity = speed * np.array([np.cos(heading), np.sin(heading)])

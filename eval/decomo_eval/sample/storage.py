@@ -1,4 +1,4 @@
-"""The sample on disk: `clip/00000.png ...`, `masks/00000.png ...` (255 = moving object) and `sample.pkl` (TAP-Vid form)."""
+"""The sample on disk: `clip/00000.png ...`, `masks/00000.png ...` (255 = moving object), `sample.pkl` (TAP-Vid)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def write(sample: Sample, directory: str | Path, *, force: bool = False) -> list
                 target.rename(staging / "old" / target.name)
             (staging / "new" / target.name).rename(target)
     except OSError as error:
-        raise SampleError(f"cannot write the sample to {directory}: {error}; give a folder that can be written") from error
+        raise SampleError(
+            f"cannot write the sample to {directory}: {error}; give a folder that can be written"
+        ) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return targets

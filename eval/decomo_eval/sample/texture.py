@@ -30,7 +30,9 @@ class Texture:
     def at(self, uv: npt.NDArray[np.float64]) -> Image:
         """Colours [H, W, 3] at material [H, W, 2], bilinear; beyond the square the texture is mirrored."""
         texel = ((uv / self.extent + 1) * (len(self.image) / 2) - 0.5).astype(np.float32)
-        return cv2.remap(self.image, texel, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)  # type: ignore[call-overload]
+        columns, rows = texel[..., 0], texel[..., 1]
+        colours = cv2.remap(self.image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        return colours.astype(np.float32, copy=False)
 
 
 def natural_noise(rng: np.random.Generator, resolution: int, coarsest: float, finest: float, falloff: float) -> Image:
@@ -44,7 +46,7 @@ def natural_noise(rng: np.random.Generator, resolution: int, coarsest: float, fi
     shape = np.where((frequency >= coarsest) & (frequency <= finest), np.maximum(frequency, 1) ** -falloff, 0)
     noise = np.fft.irfft2(spectrum * shape, (grid, grid))
     noise = (noise / noise.std()).astype(np.float32)
-    return cv2.resize(noise, (resolution, resolution), interpolation=cv2.INTER_CUBIC)
+    return cv2.resize(noise, (resolution, resolution), interpolation=cv2.INTER_CUBIC).astype(np.float32, copy=False)
 
 
 def draw_palette(rng: np.random.Generator, hue: float, spread: float, saturation: tuple[float, float]) -> Image:
@@ -70,33 +72,39 @@ def paint_leaves(
     smallest, largest = sizes
     radii = 1 / np.sqrt(rng.uniform(largest**-2, smallest**-2, count))
     for radius in radii:
-        corners = rng.integers(3, 8)
-        angles = np.sort(rng.uniform(0, 2 * np.pi, corners)) if rng.random() < 0.5 else np.linspace(0, 2 * np.pi, 33)[1:]
-        shape = np.stack([np.cos(angles), rng.uniform(0.45, 1.0) * np.sin(angles)], axis=-1)
-        turn = rng.uniform(0, 2 * np.pi)
-        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        outline = rng.uniform(-0.02, 1.02, 2) + radius * shape @ rotation.T
+        outline = radius * _draw_leaf(rng) + rng.uniform(-0.02, 1.02, 2)
         colour = np.clip(palette[rng.integers(len(palette))] * rng.uniform(0.75, 1.25), 0, 1) * 255
-        corners_fixed = np.round(outline * fixed).astype(np.int32)
-        cv2.fillPoly(canvas, [corners_fixed], [float(c) for c in colour], cv2.LINE_AA, SUBPIXEL_BITS)
-    return canvas.astype(np.float32) / 255
+        polygon = np.round(outline * fixed).astype(np.int32)
+        cv2.fillPoly(canvas, [polygon], colour.tolist(), cv2.LINE_AA, SUBPIXEL_BITS)
+    return np.asarray(canvas, np.float32) / np.float32(255)
+
+
+def _draw_leaf(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Corners [C, 2] of a turned ellipse of longer half-axis 1, or of a polygon inscribed in one."""
+    if rng.random() < 0.5:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 8)))
+    else:
+        angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    shape = np.stack([np.cos(angles), rng.uniform(0.45, 1.0) * np.sin(angles)], axis=-1)
+    turn = rng.uniform(0, 2 * np.pi)
+    return shape @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
 
 
 def paint_stripes(rng: np.random.Generator, resolution: int, palette: Image, bands: float) -> Image:
-    """Uneven bands [R, R, 3] between two colours of the palette, bent by noise so that no stretch of them is straight."""
+    """Uneven bands [R, R, 3] of two colours of the palette, bent by noise so that none is straight."""
     row, column = np.mgrid[0:resolution, 0:resolution].astype(np.float32) / np.float32(resolution)
     turn = rng.uniform(0, np.pi)
     along = np.cos(turn) * column + np.sin(turn) * row
     bent = along * bands + 0.45 * natural_noise(rng, resolution, 2, 8, 2.0)
     share = 0.5 + 0.5 * np.tanh(4 * np.sin(2 * np.pi * bent))[..., None]
     dark, bright = palette[rng.integers(0, 2)], palette[rng.integers(4, 6)]
-    return (dark * (1 - share) + bright * share).astype(np.float32)
+    return np.asarray(dark * (1 - share) + bright * share, np.float32)
 
 
 def roughen(rng: np.random.Generator, colours: Image, finest: float, contrast: float) -> Image:
     """`colours` [R, R, 3] lit by noise up to `finest` cycles across, with a fainter tint of its own in each channel."""
     resolution = len(colours)
-    light = natural_noise(rng, resolution, 3, finest, 1.2)[..., None]
+    light = natural_noise(rng, resolution, 3, finest, 1.05)[..., None]
     tint = np.stack([natural_noise(rng, resolution, 2, finest / 4, 1.0) for _ in range(3)], axis=-1)
     return np.clip(colours * np.exp(contrast * light + 0.06 * tint), 0.02, 0.98).astype(np.float32)
 
@@ -119,5 +127,7 @@ def draw_skin(rng: np.random.Generator, resolution: int, extent: float, finest: 
     elif kind == 1:
         colours = paint_leaves(rng, plain, palette, 90, (0.025, 0.06))
     else:
-        colours = paint_leaves(rng, paint_stripes(rng, resolution, palette, rng.uniform(5, 8)), palette, 30, (0.02, 0.05))
+        colours = paint_leaves(
+            rng, paint_stripes(rng, resolution, palette, rng.uniform(5, 8)), palette, 30, (0.02, 0.05)
+        )
     return Texture(roughen(rng, colours, finest, 0.17), extent)

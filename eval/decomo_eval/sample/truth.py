@@ -13,7 +13,7 @@ from decomo_eval.sample.scene import BACKGROUND, Scene
 BACKGROUND_POINTS = 36
 OBJECT_POINTS = 20
 CLEARANCE = 2
-"""Pixels around a chosen pixel that show the same layer: a point less than one and a half from an outline is ambiguous."""
+"""Pixels around a chosen pixel that show the same layer, since a point within a pixel of an outline is ambiguous."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,4 @@ def _choose(
     candidates = np.argwhere(clear)
     chosen = rng.permutation(len(candidates))[:count]
     size = shown.shape[-1]
-    return [
-        (int(frame), (np.array([column, row]) + rng.random(2)) / size) for frame, row, column in candidates[chosen]
-    ]
+    return [(int(frame), (np.array([column, row]) + rng.random(2)) / size) for frame, row, column in candidates[chosen]]

@@ -1,0 +1,113 @@
+"""`decomo-track`: asks an exported model where points go, writes their tracks and, if wanted, a video of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from decomotion.console import run
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from decomo_runtime.model_file import ModelFacts
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("model", type=_PATH)
+@click.option("--point", "points", metavar="T,X,Y", multiple=True, help="A point seen in frame T; may be repeated.")
+@click.option("--queries", "queries_file", metavar="CSV", type=_PATH, help="Points from a file with the header t,x,y.")
+@click.option("--grid", metavar="STEP@T", help="A point every STEP pixels of frame T.")
+@click.option(
+    "--frames",
+    "frame_range",
+    metavar="A:B",
+    show_default="all",
+    help="Frames in which to look for the points: from A up to but without B.",
+)
+@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz or .csv.")
+@click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
+@click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
+def track(
+    model: Path,
+    points: Sequence[str],
+    queries_file: Path | None,
+    grid: str | None,
+    frame_range: str | None,
+    out: Path,
+    overlay: Path | None,
+    clip_path: Path | None,
+) -> None:
+    """Follows points through the clip that MODEL was fitted to.
+
+    MODEL is a file written by decomo-export. Give the points in one way: --point, --queries or --grid. Frames count
+    from 0; x and y are pixels of the clip, pixel centres at whole numbers.
+    """
+    import time
+
+    from decomo_runtime.errors import OverlayError, QueryError
+    from decomo_runtime.outputs import check_output
+    from decomo_runtime.overlay import check_clip, draw_tracks
+    from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
+    from decomo_runtime.queries import check_queries, parse_frames
+    from decomo_runtime.tracker import Tracker
+    from decomo_runtime.tracks import SUFFIXES
+    from decomotion.clip import read_clip
+
+    if bool(points) + (queries_file is not None) + (grid is not None) != 1:
+        raise QueryError("give the points in exactly one way: --point, --queries or --grid")
+    if (overlay is None) != (clip_path is None):
+        raise OverlayError("--overlay and --clip go together: give the frames to draw on and the video to write")
+    check_output("--out", out, SUFFIXES)
+    if overlay is not None and clip_path is not None:
+        check_output("--overlay", overlay, VIDEO_SUFFIXES)
+        if overlay.exists() and clip_path.exists() and overlay.samefile(clip_path):
+            raise OverlayError(f"--overlay {overlay} would replace the clip; give another name")
+
+    tracker = Tracker(model)
+    queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
+    frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
+    clip = None
+    if clip_path is not None:
+        clip = read_clip(clip_path)
+        check_clip(clip, tracker.facts)
+
+    start = time.perf_counter()
+    tracks = tracker.track(queries, frames)
+    seconds = time.perf_counter() - start
+    tracks.save(out)
+    if overlay is not None and clip is not None:
+        write_video(overlay, draw_tracks(clip.frames, tracks), clip.fps)
+
+    number, length = tracks.occluded.shape
+    hidden = f"{tracks.occluded.mean():.0%}" if tracks.occluded.size else "none"
+    click.echo(
+        f"{number} point{'s' * (number != 1)} of {tracker.clip_name} in {length} frame{'s' * (length != 1)}, "
+        f"{hidden} occluded, {seconds:.2f} s"
+    )
+    for path in (out, overlay):
+        if path is not None:
+            click.echo(f"wrote {path}")
+
+
+def _wanted_queries(
+    points: Sequence[str], queries_file: Path | None, grid: str | None, model: ModelFacts
+) -> np.ndarray:
+    """[N, 3] rows of (t, x, y) from the one option that is given."""
+    from decomo_runtime.queries import grid_queries, parse_grid, parse_points, read_queries
+
+    if queries_file is not None:
+        return read_queries(queries_file)
+    if grid is not None:
+        return grid_queries(*parse_grid(grid), model.height, model.width)
+    return parse_points(points)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs `decomo-track` on `argv` and returns its exit code."""
+    return run(track, argv)

@@ -1,0 +1,20 @@
+"""Refuses output paths that could not be written, before any work is done for them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from decomo_runtime.errors import TracksFileError
+
+
+def check_output(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """`TracksFileError` unless `path` ends in one of `suffixes` and its folder is, or can be made, writable."""
+    if path.suffix.lower() not in suffixes:
+        raise TracksFileError(f"{option} {path} must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise TracksFileError(f"{option} {path} is a folder; give a file name inside it")
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise TracksFileError(f"{option} {path} cannot be written: {folder} is not a folder that you may write to")

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from decomo_runtime import Tracks, contract
+from decomo_runtime.cli import main
+
+NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
+
+
+def refusal(capsys: pytest.CaptureFixture[str], folder: Path, *arguments: str | Path) -> str:
+    """The one sentence with which `decomo-track` refuses `arguments`, having written nothing in `folder`."""
+    before = sorted(folder.rglob("*"))
+    assert main([str(argument) for argument in arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("Error: ")
+    assert printed.err.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before
+    return printed.err
+
+
+def test_points_to_npz(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "new" / "tracks.npz"
+    code = main([str(model_path), "--point", "0,3,4", "--point", "5,-0.5,39.5", "--out", str(out)])
+    assert code == 0
+    tracks = Tracks.load(out)
+    np.testing.assert_array_equal(tracks.queries, [[0, 3, 4], [5, -0.5, 39.5]])
+    np.testing.assert_array_equal(tracks.xy[0, -1], [10.5, 1.5])
+    summary, *paths = capsys.readouterr().out.splitlines()
+    assert summary.startswith("2 points of slide in 6 frames, 33% occluded, ")
+    assert paths == [f"wrote {out}"]
+
+
+def test_csv_to_csv_in_some_frames(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "q.csv").write_text("x,y,t\n3,4,0\n")
+    out = tmp_path / "tracks.csv"
+    arguments = ["--queries", str(tmp_path / "q.csv"), "--frames", "2:4", "--out", str(out)]
+    assert main([str(model_path), *arguments]) == 0
+    with open(out, newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["point"], row["frame"], float(row["x"]), float(row["y"]), row["occluded"]) for row in rows] == [
+        ("0", "2", 6, 3, "0"),
+        ("0", "3", 7.5, 2.5, "0"),
+    ]
+    assert capsys.readouterr().out.startswith("1 point of slide in 2 frames, 0% occluded, ")
+
+
+def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out, overlay = tmp_path / "tracks.npz", tmp_path / "tracks.mp4"
+    arguments = ["--grid", "16@1", "--frames", "1:5", "--out", out, "--overlay", overlay, "--clip", clip_path]
+    assert main([str(argument) for argument in (model_path, *arguments)]) == 0
+    assert len(Tracks.load(out).queries) == 9
+    with av.open(str(overlay)) as container:
+        stream = container.streams.video[0]
+        assert len(list(container.decode(stream))) == 4
+        assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
+        assert stream.average_rate == 24
+    assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
+
+
+def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "q.csv").write_text("t,x,y\n")
+    out = tmp_path / "tracks.npz"
+    assert main([str(model_path), "--queries", str(tmp_path / "q.csv"), "--out", str(out)]) == 0
+    assert Tracks.load(out).xy.shape == (0, NUM_FRAMES, 2)
+    assert capsys.readouterr().out.startswith("0 points of slide in 6 frames, none occluded, ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ([], "exactly one way"),
+        (["--point", "0,1,2", "--grid", "8@0"], "exactly one way"),
+        (["--point", "0,1"], "--point 0,1 is not T,X,Y"),
+        (["--point", "0,1,2", "--point", "0,nan,2"], "query row 1 (counted from 0; t=0, x=nan, y=2)"),
+        (["--point", "6,1,2"], "t must be within 0 .. 5"),
+        (["--point", "0,48,2"], "x must be within -0.5 .. 47.5"),
+        (["--grid", "8"], "--grid 8 is not STEP@T"),
+        (["--grid", "8@9"], "t must be within 0 .. 5"),
+        (["--queries", "no.csv"], "no.csv cannot be read"),
+        (["--point", "0,1,2", "--frames", "5:9"], "--frames 5:9 must select frames within 0:6"),
+        (["--point", "0,1,2", "--overlay", "a.mp4"], "--overlay and --clip go together"),
+        (["--point", "0,1,2", "--clip", "slide"], "--overlay and --clip go together"),
+        (["--point", "0,1,2", "--overlay", "a.avi", "--clip", "slide"], "--overlay a.avi must end in .mp4"),
+        (["--point", "0,1,2", "--overlay", "a.mp4", "--clip", "no"], "no does not exist"),
+    ],
+)
+def test_bad_arguments(
+    model_path: Path,
+    clip_path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sentence: str,
+):
+    monkeypatch.chdir(tmp_path)
+    assert sentence in refusal(capsys, tmp_path, model_path, *arguments, "--out", "tracks.npz")
+
+
+def test_bad_output(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = [model_path, "--point", "0,1,2", "--out"]
+    assert "must end in .npz or .csv" in refusal(capsys, tmp_path, *arguments, tmp_path / "a.txt")
+    assert "is not a folder" in refusal(capsys, tmp_path, *arguments, model_path / "a.npz")
+
+
+def test_bad_models(write_model: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = ["--point", "0,1,2", "--out", tmp_path / "a.npz"]
+    assert "does not exist" in refusal(capsys, tmp_path, tmp_path / "no.onnx", *arguments)
+    newer = write_model({contract.META_FORMAT_VERSION: "99"})
+    assert "has format version 99" in refusal(capsys, tmp_path, newer, *arguments)
+    newer.write_text("not a model")
+    assert "is not an ONNX file" in refusal(capsys, tmp_path, newer, *arguments)
+
+
+def test_a_clip_that_is_not_the_models(
+    model_path: Path, clip_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", tmp_path / "a.mp4", "--clip", clip_path]
+    (clip_path / "0.png").unlink()
+    sentence = "the clip slide has 5 frames of 48x40 but the model was fitted to slide with 6 frames of 48x40"
+    assert sentence in refusal(capsys, tmp_path, model_path, *arguments)
+    for number in range(NUM_FRAMES):
+        cv2.imwrite(str(clip_path / f"{number}.png"), np.zeros((20, 20, 3), np.uint8))
+    assert "6 frames of 20x20 but" in refusal(capsys, tmp_path, model_path, *arguments)
+
+
+def test_the_overlay_does_not_replace_the_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(b"a precious video")
+    arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", clip, "--clip", clip]
+    assert "would replace the clip" in refusal(capsys, tmp_path, model_path, *arguments)
+    assert clip.read_bytes() == b"a precious video"
+
+
+def test_usage(capsys: pytest.CaptureFixture[str]):
+    assert main(["model.onnx"]) == 2
+    assert "Missing option '--out'" in capsys.readouterr().err
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for option in ("--point T,X,Y", "--queries CSV", "--grid STEP@T", "--frames A:B", "--overlay", "default: (all)"):
+        assert option in text

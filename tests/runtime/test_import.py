@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import decomo_runtime
+from decomotion.errors import InputError
+
+HEAVY = {"torch", "onnx", "onnxruntime", "numpy", "cv2", "av"}
+
+
+@pytest.mark.parametrize("module", ["decomo_runtime", "decomo_runtime.cli", "decomo_runtime.contract"])
+def test_import_loads_nothing_heavy(module: str):
+    code = f"import sys, {module}; print(sorted({HEAVY!r} & set(sys.modules)))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", decomo_runtime.__all__)
+def test_each_name_is_there(name: str):
+    assert getattr(decomo_runtime, name).__name__ == name
+
+
+def test_unknown_name():
+    with pytest.raises(AttributeError, match="no attribute 'Trakcer'"):
+        decomo_runtime.Trakcer  # noqa: B018
+
+
+def test_errors_are_one_family_and_builtins():
+    errors = [getattr(decomo_runtime, name) for name in decomo_runtime.__all__ if name.endswith("Error")]
+    assert len(errors) == 6
+    for error in errors:
+        assert issubclass(error, decomo_runtime.RuntimeInputError)
+        assert issubclass(error, InputError)
+        assert issubclass(error, ValueError)

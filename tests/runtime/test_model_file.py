@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from decomo_runtime import ModelFileError, SessionError, Tracker, contract
+
+WriteModel = Callable[..., Path]
+
+
+def refusal(path: Path) -> str:
+    """The sentence with which `path` is refused."""
+    with pytest.raises(ModelFileError) as caught:
+        Tracker(path)
+    text = str(caught.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    return text
+
+
+def test_facts(tracker: Tracker):
+    assert (tracker.num_frames, tracker.height, tracker.width) == (6, 40, 48)
+    assert (tracker.fps, tracker.clip_name, tracker.preset) == (12.5, "slide", "cpu")
+    assert tracker.occlusion_threshold == 0.5
+
+
+def test_missing(tmp_path: Path):
+    assert "does not exist; write one with 'decomo-export'" in refusal(tmp_path / "no.onnx")
+
+
+def test_folder(tmp_path: Path):
+    assert "is a folder" in refusal(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_unreadable(model_path: Path):
+    model_path.chmod(0)
+    assert "cannot be read (Permission denied)" in refusal(model_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"just some text\n", b"t,x,y\n0,1,2\n", bytes(1000), b"\x89PNG\r\n"])
+def test_not_onnx(tmp_path: Path, content: bytes):
+    path = tmp_path / "other.onnx"
+    path.write_bytes(content)
+    assert "is not an ONNX file, or it is damaged or cut short" in refusal(path)
+
+
+def test_every_truncation_is_refused(model_path: Path):
+    """Cut in the graph the file does not parse; cut between graph and metadata it parses and is not ours."""
+    content = model_path.read_bytes()
+    for length in range(0, len(content), 97):
+        model_path.write_bytes(content[:length])
+        refusal(model_path)
+
+
+def test_foreign_onnx(write_model: WriteModel):
+    path = write_model({contract.META_FORMAT_VERSION: None})
+    assert "is an ONNX file but holds no decomotion model; write one with 'decomo-export'" in refusal(path)
+
+
+def test_newer_format(write_model: WriteModel):
+    newer = str(contract.FORMAT_VERSION + 1)
+    text = refusal(write_model({contract.META_FORMAT_VERSION: newer}))
+    assert f"has format version {newer} but this decomotion reads up to {contract.FORMAT_VERSION}" in text
+    assert "pip install -U decomotion" in text
+
+
+def test_operators_that_this_onnxruntime_lacks(write_model: WriteModel):
+    text = refusal(write_model(opset=999))
+    assert "pip install -U onnxruntime" in text
+
+
+def test_operators_that_no_onnxruntime_has(write_model: WriteModel):
+    assert "(Error No Op registered for Frobnicate" in refusal(write_model(rename={"Abs": "Frobnicate"}))
+
+
+@pytest.mark.parametrize("key", [key for name, key in vars(contract).items() if name.startswith("META_")][1:-1])
+def test_lacking_metadata(write_model: WriteModel, key: str):
+    assert f"lacks the metadata {key}" in refusal(write_model({key: None}))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        (contract.META_FORMAT_VERSION, "one"),
+        (contract.META_FORMAT_VERSION, "0"),
+        (contract.META_NUM_FRAMES, "0"),
+        (contract.META_HEIGHT, "-4"),
+        (contract.META_WIDTH, "4.5"),
+        (contract.META_FPS, "nan"),
+        (contract.META_FPS, "0"),
+        (contract.META_OCCLUSION_THRESHOLD, "1.5"),
+        (contract.META_OCCLUSION_THRESHOLD, ""),
+    ],
+)
+def test_impossible_metadata(write_model: WriteModel, key: str, value: str):
+    assert f"has the impossible metadata {key} = {value!r}" in refusal(write_model({key: value}))
+
+
+@pytest.mark.parametrize(("kind", "name"), [("input", "queries"), ("output", "depth")])
+def test_other_names(write_model: WriteModel, kind: str, name: str):
+    assert f"lacks the {kind} {name}" in refusal(write_model(rename={name: f"my_{name}"}))
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, True, "2"])
+def test_threads_must_be_a_positive_whole_number(model_path: Path, threads: Any):
+    with pytest.raises(SessionError, match="threads must be a whole number of at least 1"):
+        Tracker(model_path, threads=threads)
+
+
+@pytest.mark.parametrize("provider", ["MoonExecutionProvider", ("MoonExecutionProvider", {"device_id": 0})])
+def test_absent_provider(model_path: Path, provider: Any):
+    with pytest.raises(SessionError, match=r"no provider 'MoonExecutionProvider'; choose from .*CPUExecutionProvider"):
+        Tracker(model_path, providers=[provider])
+
+
+def test_providers_and_options_pass_through(model_path: Path):
+    Tracker(model_path, providers=[("CPUExecutionProvider", {})])
+    Tracker(model_path, providers=["CPUExecutionProvider"], threads=2)

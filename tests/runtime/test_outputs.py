@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from decomo_runtime import TracksFileError
+from decomo_runtime.outputs import check_output
+
+SUFFIXES = (".npz", ".csv")
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.CSV", "new/folder/a.csv"])
+def test_good(tmp_path: Path, name: str):
+    check_output("--out", tmp_path / name, SUFFIXES)
+    assert not list(tmp_path.iterdir())
+
+
+def test_relative(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    check_output("--out", Path("a.csv"), SUFFIXES)
+
+
+@pytest.mark.parametrize("name", ["a", "a.txt", "npz"])
+def test_suffix(tmp_path: Path, name: str):
+    with pytest.raises(TracksFileError, match=rf"--out .*{name} must end in \.npz or \.csv"):
+        check_output("--out", tmp_path / name, SUFFIXES)
+
+
+def test_folder(tmp_path: Path):
+    (tmp_path / "a.npz").mkdir()
+    with pytest.raises(TracksFileError, match=r"a\.npz is a folder"):
+        check_output("--out", tmp_path / "a.npz", SUFFIXES)
+
+
+def test_file_in_the_way(tmp_path: Path):
+    (tmp_path / "file").touch()
+    with pytest.raises(TracksFileError, match="file is not a folder that you may write to"):
+        check_output("--out", tmp_path / "file" / "a.npz", SUFFIXES)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_no_permission(tmp_path: Path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(TracksFileError, match="is not a folder that you may write to"):
+        check_output("--out", tmp_path / "a.npz", SUFFIXES)

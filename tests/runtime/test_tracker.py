@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from decomo_runtime import QueryError, Tracker
+from decomo_runtime import tracker as tracker_module
+
+NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
+VELOCITY = np.array([1.5, -0.5], np.float32)
+QUERIES = np.array([[0, 3, 4], [5, 47.5, 39.5], [2, -0.5, -0.5], [3, 10.25, 20.75]], np.float32)
+
+
+def expected_xy(queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """[N, M, 2], one point and frame after the other."""
+    xy = np.empty((len(queries), len(frames), 2), np.float32)
+    for n, (t, *start) in enumerate(queries):
+        for m, frame in enumerate(frames):
+            xy[n, m] = start + (frame - t) * VELOCITY
+    return xy
+
+
+def test_every_frame(tracker: Tracker):
+    tracks = tracker.track(QUERIES)
+    frames = np.arange(NUM_FRAMES)
+    np.testing.assert_array_equal(tracks.frames, frames)
+    np.testing.assert_array_equal(tracks.queries, QUERIES)
+    np.testing.assert_allclose(tracks.xy, expected_xy(QUERIES, frames), atol=1e-5)  # float32 at tens of pixels
+    distance = np.abs(frames - QUERIES[:, :1])
+    np.testing.assert_allclose(tracks.occlusion, distance / NUM_FRAMES, atol=1e-6)  # float32 below 1
+    np.testing.assert_array_equal(tracks.occluded, distance > 3)  # the threshold itself, 0.5, is in sight
+    dtypes = [getattr(tracks, name).dtype for name in ("xy", "occluded", "occlusion", "queries", "frames")]
+    assert dtypes == [np.float32, np.bool_, np.float32, np.float32, np.int64]
+
+
+@pytest.mark.parametrize("frames", [[2], [5, 0, 0, 3], range(1, 4), np.array([4, 1], np.uint8), (0,)])
+def test_frames_in_the_order_given(tracker: Tracker, frames: Any):
+    tracks = tracker.track(QUERIES, frames)
+    np.testing.assert_array_equal(tracks.frames, list(frames))
+    np.testing.assert_allclose(tracks.xy, expected_xy(QUERIES, tracks.frames), atol=1e-5)  # as above
+
+
+@pytest.mark.parametrize("queries", [[], np.empty((0, 3)), QUERIES[:1], [(0, 1, 2)], QUERIES.astype(np.int32)])
+@pytest.mark.parametrize("frames", [None, [], np.empty(0, np.int64), [1]])
+def test_empty_and_single(tracker: Tracker, queries: Any, frames: Any):
+    tracks = tracker.track(queries, frames)
+    shape = (len(queries), NUM_FRAMES if frames is None else len(frames))
+    assert tracks.xy.shape == (*shape, 2)
+    assert tracks.occluded.shape == tracks.occlusion.shape == shape
+    assert tracks.queries.shape == (shape[0], 3)
+    np.testing.assert_allclose(tracks.xy, expected_xy(tracks.queries, tracks.frames), atol=1e-5)  # as above
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 3, 4, 100, np.int64(2)])
+def test_the_answer_does_not_depend_on_the_chunk(tracker: Tracker, chunk: int):
+    whole, parts = tracker.track(QUERIES), tracker.track(QUERIES, chunk=chunk)
+    np.testing.assert_array_equal(parts.xy, whole.xy)
+    np.testing.assert_array_equal(parts.occlusion, whole.occlusion)
+    np.testing.assert_array_equal(tracker.sample(QUERIES, chunk=chunk).rgb, tracker.sample(QUERIES).rgb)
+
+
+def test_the_answer_does_not_depend_on_the_other_queries(tracker: Tracker):
+    whole = tracker.track(QUERIES)
+    for row, query in enumerate(QUERIES):
+        np.testing.assert_array_equal(tracker.track([query]).xy[0], whole.xy[row])
+
+
+def test_default_chunks_bound_the_rays_of_a_call(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(tracker_module, "RAYS_PER_CALL", 15)
+    asked = []
+    ask = tracker._ask
+
+    def counting(outputs: Any, queries: Any, frames: Any) -> Any:
+        asked.append((len(queries), len(frames)))
+        return ask(outputs, queries, frames)
+
+    monkeypatch.setattr(tracker, "_ask", counting)
+    tracker.track(np.tile(QUERIES, (2, 1)))
+    assert asked == [(2, 6)] * 4  # 2 queries x (1 + 6) rays is the most below 15
+    asked.clear()
+    tracker.track(np.tile(QUERIES, (2, 1)), [0] * 20)
+    assert asked == [(1, 20)] * 8  # never less than one query
+
+
+@pytest.mark.parametrize("chunk", [0, -3, 2.5, True, "4"])
+def test_bad_chunk(tracker: Tracker, chunk: Any):
+    with pytest.raises(QueryError, match="chunk must be a whole number of queries, at least 1"):
+        tracker.track(QUERIES, chunk=chunk)
+
+
+def test_bad_queries_and_frames_are_refused(tracker: Tracker):
+    with pytest.raises(QueryError, match="query row 1 "):
+        tracker.track([(0, 1, 1), (6, 1, 1)])
+    with pytest.raises(QueryError, match="query row 0 "):
+        tracker.sample([(0, 48, 1)])
+    with pytest.raises(QueryError, match=r"frames\[1\] is 6"):
+        tracker.track(QUERIES, [0, 6])
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_sample(tracker: Tracker, count: int):
+    queries = QUERIES[:count]
+    appearance = tracker.sample(queries)
+    rgb = 1 / (1 + np.exp(-queries))
+    np.testing.assert_allclose(appearance.rgb, rgb, atol=1e-6)  # float32 below 1, as all that follow
+    np.testing.assert_allclose(appearance.rgb_static, rgb / 2, atol=1e-6)
+    np.testing.assert_allclose(appearance.rgb_dynamic, rgb / 4, atol=1e-6)
+    np.testing.assert_allclose(appearance.static_confidence, queries[:, 0] / NUM_FRAMES, atol=1e-6)
+    np.testing.assert_allclose(appearance.depth, queries[:, 0] / 4, atol=1e-6)
+
+
+def test_threads_share_one_tracker(tracker: Tracker):
+    rng = np.random.default_rng(0)
+    batches = [rng.uniform((0, 0, 0), (5, 47, 39), (1 + n % 7, 3)) for n in range(40)]
+    batches = [np.concatenate([np.floor(batch[:, :1]), batch[:, 1:]], axis=1) for batch in batches]
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(tracker.track, batches))
+    for batch, answer in zip(batches, answers, strict=True):
+        np.testing.assert_array_equal(answer.xy, tracker.track(batch).xy)
+
+
+def test_pickle_reopens_the_file(model_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(model_path.parent)
+    tracker = Tracker(model_path.name, providers=["CPUExecutionProvider"], threads=1)
+    pickled = pickle.dumps(tracker)
+    assert len(pickled) < 1000  # the path, not the model
+    monkeypatch.chdir("/")
+    again = pickle.loads(pickled)
+    assert again.facts == tracker.facts
+    np.testing.assert_array_equal(again.track(QUERIES).xy, tracker.track(QUERIES).xy)
+
+
+def test_repr(tracker: Tracker):
+    assert repr(tracker).endswith("model.onnx': slide, 6 frames of 48x40)")

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decomo_runtime import Tracks, TracksFileError
+
+FIELDS = ("xy", "occluded", "occlusion", "queries", "frames")
+
+
+def some_tracks(points: int = 3, frames: int = 4) -> Tracks:
+    rng = np.random.default_rng(0)
+    occlusion = rng.random((points, frames), np.float32)
+    return Tracks(
+        rng.random((points, frames, 2), np.float32) * 100,
+        occlusion > 0.5,
+        occlusion,
+        rng.random((points, 3), np.float32),
+        np.arange(frames) + 7,
+    )
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (0, 4), (3, 0), (0, 0), (1, 1)])
+def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int]):
+    tracks = some_tracks(*shape)
+    tracks.save(tmp_path / "a.npz")
+    again = Tracks.load(tmp_path / "a.npz")
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(again, field), getattr(tracks, field))
+        assert getattr(again, field).dtype == getattr(tracks, field).dtype
+
+
+def test_npz_keys(tmp_path: Path):
+    """The documented file: others read it with numpy alone."""
+    some_tracks().save(tmp_path / "new" / "A.NPZ")
+    with np.load(tmp_path / "new" / "A.NPZ", allow_pickle=False) as file:
+        described = {key: (file[key].dtype.name, file[key].shape) for key in file.files}
+    assert described == {
+        "queries": ("float32", (3, 3)),
+        "tracks": ("float32", (3, 4, 2)),
+        "occluded": ("bool", (3, 4)),
+        "occlusion": ("float32", (3, 4)),
+        "frames": ("int64", (4,)),
+    }
+
+
+def test_csv_by_hand(tmp_path: Path):
+    tracks = Tracks(
+        np.array([[[1.5, 2], [3, -4.25]]], np.float32),
+        np.array([[False, True]]),
+        np.array([[0.125, 0.75]], np.float32),
+        np.array([[5, 1.5, 2]], np.float32),
+        np.array([5, 9]),
+    )
+    tracks.save(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text() == (
+        "point,frame,x,y,occlusion,occluded\n"
+        "0,5,1.5000,2.0000,0.1250,0\n"
+        "0,9,3.0000,-4.2500,0.7500,1\n"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (0, 4), (3, 0)])
+def test_csv_has_a_line_for_each_point_and_frame(tmp_path: Path, shape: tuple[int, int]):
+    tracks = some_tracks(*shape)
+    tracks.save(tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()[1:]
+    assert len(lines) == shape[0] * shape[1]
+    for line, (point, column) in zip(lines, np.ndindex(shape), strict=True):
+        values = [float(value) for value in line.split(",")]
+        assert values[:2] == [point, tracks.frames[column]]
+        np.testing.assert_allclose(values[2:4], tracks.xy[point, column], atol=5.1e-5)  # four decimals
+        assert values[5] == tracks.occluded[point, column]
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a", "a.npz.gz"])
+def test_other_suffixes(tmp_path: Path, name: str):
+    with pytest.raises(TracksFileError, match=r"are written as \.npz or \.csv"):
+        some_tracks().save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_save_leaves_the_former_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "a.csv"
+    path.write_text("former")
+
+    def full_disk(file: Path, *args: object, **options: object) -> None:
+        Path(file).write_text("half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(np, "savetxt", full_disk)
+    with pytest.raises(OSError, match="no space left"):
+        some_tracks().save(path)
+    assert path.read_text() == "former"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_load_of_another_trackers_file_counts_frames_from_0(tmp_path: Path):
+    tracks = some_tracks()
+    np.savez(
+        tmp_path / "a.npz",
+        queries=tracks.queries,
+        tracks=tracks.xy.astype(np.float64),
+        occluded=tracks.occluded.astype(np.uint8),
+        occlusion=tracks.occlusion,
+    )
+    again = Tracks.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.frames, [0, 1, 2, 3])
+    assert again.xy.dtype == np.float32
+    assert again.occluded.dtype == np.bool_
+
+
+def test_load_refuses_what_is_not_tracks(tmp_path: Path):
+    path = tmp_path / "a.npz"
+    with pytest.raises(TracksFileError, match="is not an npz file of tracks"):
+        Tracks.load(path)
+    some_tracks().save(path)
+    whole = path.read_bytes()
+    for content in (b"", b"text", whole[: len(whole) // 2], whole[:-30]):
+        path.write_bytes(content)
+        with pytest.raises(TracksFileError, match=r"a\.npz is not an npz file of tracks"):
+            Tracks.load(path)
+    with open(path, "wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(TracksFileError, match="is not an npz file of tracks"):
+        Tracks.load(path)
+
+
+def test_load_never_unpickles(tmp_path: Path):
+    np.savez(tmp_path / "a.npz", queries=np.array([print], object))
+    with pytest.raises(TracksFileError, match="is not an npz file of tracks"):
+        Tracks.load(tmp_path / "a.npz")
+
+
+def test_load_names_lacking_arrays_and_wrong_shapes(tmp_path: Path):
+    path = tmp_path / "a.npz"
+    tracks = some_tracks()
+    arrays = {"queries": tracks.queries, "tracks": tracks.xy, "occluded": tracks.occluded}
+    np.savez(path, **arrays)
+    with pytest.raises(TracksFileError, match="lacks the arrays occlusion"):
+        Tracks.load(path)
+    np.savez(path, **arrays, occlusion=tracks.occlusion[:, :2])
+    with pytest.raises(TracksFileError, match=r"occlusion has the shape \[3, 2\], must be \[3, 4\]"):
+        Tracks.load(path)
+    np.savez(path, **(arrays | {"tracks": np.float32(3)}), occlusion=tracks.occlusion)
+    with pytest.raises(TracksFileError, match=r"tracks has the shape \[\]"):
+        Tracks.load(path)
