@@ -84,7 +84,7 @@ def answer(
     """
     surface = surface_of(rays)
     targets = PairConditioning(conditioning.static.take(frames), conditioning.dynamic.take(frames))
-    shape = (len(frames), len(query_xy))
+    shape = (frames.shape[0], query_xy.shape[0])  # not len(): it would fix the size that the exporter traces
     repeated = Surface(
         surface.canonical[:, 0].expand(*shape, 3),
         surface.is_static[:, 0].expand(shape),

@@ -105,6 +105,8 @@ def _check_file(path: Path) -> None:
         path.open("rb").close()
     except OSError as error:
         raise ModelFileError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+    if path.stat().st_size == 0:
+        raise ModelFileError(f"{path} is empty; copy it again, or {_WRITE_ONE}")
 
 
 def _check_providers(providers: Providers, available: Sequence[str]) -> None:

@@ -16,14 +16,13 @@ from decomotion.files import replacing
 Image = npt.NDArray[np.uint8]
 
 VIDEO_SUFFIXES = (".mp4",)
-_BT709 = 1
-_MPEG_RANGE = 1
+_BT601_MATRIX, _BT709, _MPEG_RANGE = 6, 1, 1
+"""FFmpeg's numbers. It converts RGB by BT.601; said in the file, no player has to guess the colours from the size."""
 
 
 def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
     """Encodes `frames`, one or more of one even size [H, W, 3] RGB, as an mp4 (H.264, yuv420p, index in front)."""
     import av
-    from av.video.reformatter import Colorspace
 
     frames = iter(frames)
     first = next(frames)
@@ -37,11 +36,10 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
         )
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
-        context.colorspace = context.color_primaries = context.color_trc = _BT709
-        context.color_range = _MPEG_RANGE
+        context.colorspace, context.color_range = _BT601_MATRIX, _MPEG_RANGE
+        context.color_primaries = context.color_trc = _BT709
         for frame in chain([first], frames):
-            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")
-            container.mux(stream.encode(picture.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")))
         container.mux(stream.encode())
 
 

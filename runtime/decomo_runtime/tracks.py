@@ -63,10 +63,20 @@ class Tracks:
             raise TracksFileError(f"{path} lacks the arrays {', '.join(sorted(missing))}; write it with 'decomo-track'")
         points, length = arrays["tracks"].shape[:2] if arrays["tracks"].ndim == 3 else (0, 0)
         arrays.setdefault("frames", np.arange(length))
-        shapes = {"tracks": (points, length, 2), "queries": (points, 3), "frames": (length,)}
-        for key, shape in {**shapes, "occluded": (points, length), "occlusion": (points, length)}.items():
-            if arrays[key].shape != shape:
-                raise TracksFileError(f"{path}: {key} has the shape {list(arrays[key].shape)}, must be {list(shape)}")
+        each = (points, length)
+        shapes = {
+            "tracks": (*each, 2),
+            "occluded": each,
+            "occlusion": each,
+            "queries": (points, 3),
+            "frames": (length,),
+        }
+        for key, shape in shapes.items():
+            if arrays[key].shape != shape or arrays[key].dtype.kind not in "biuf":
+                raise TracksFileError(
+                    f"{path}: {key} must be numbers of the shape {list(shape)}, got {arrays[key].dtype} of "
+                    f"{list(arrays[key].shape)}; write it with 'decomo-track'"
+                )
         return cls(
             arrays["tracks"].astype(np.float32),
             arrays["occluded"].astype(bool),

@@ -42,11 +42,16 @@ def test_unreadable(model_path: Path):
     assert "cannot be read (Permission denied)" in refusal(model_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"just some text\n", b"t,x,y\n0,1,2\n", bytes(1000), b"\x89PNG\r\n"])
+@pytest.mark.parametrize("content", [b"just some text\n", b"t,x,y\n0,1,2\n", bytes(1000), b"\x89PNG\r\n"])
 def test_not_onnx(tmp_path: Path, content: bytes):
     path = tmp_path / "other.onnx"
     path.write_bytes(content)
     assert "is not an ONNX file, or it is damaged or cut short" in refusal(path)
+
+
+def test_empty(tmp_path: Path):
+    (tmp_path / "empty.onnx").touch()
+    assert "is empty; copy it again" in refusal(tmp_path / "empty.onnx")
 
 
 def test_every_truncation_is_refused(model_path: Path):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from decomo_runtime.overlay import check_clip, contact_sheet, draw_tracks, rainb
 from decomotion.clip import Clip
 
 
-def tracks_at(xy: list[list[tuple[float, float]]], occluded: list[list[bool]], frames: list[int]) -> Tracks:
+def tracks_at(xy: Sequence[Sequence[tuple[float, float]]], occluded: list[list[bool]], frames: list[int]) -> Tracks:
     places, hidden = np.array(xy, np.float32), np.array(occluded)
     queries = np.concatenate([np.zeros((len(places), 1), np.float32), places[:, 0]], axis=1)
     return Tracks(places, hidden, hidden.astype(np.float32), queries, np.array(frames))

@@ -142,8 +142,12 @@ def test_load_names_lacking_arrays_and_wrong_shapes(tmp_path: Path):
     with pytest.raises(TracksFileError, match="lacks the arrays occlusion"):
         Tracks.load(path)
     np.savez(path, **arrays, occlusion=tracks.occlusion[:, :2])
-    with pytest.raises(TracksFileError, match=r"occlusion has the shape \[3, 2\], must be \[3, 4\]"):
+    with pytest.raises(
+        TracksFileError, match=r"occlusion must be numbers of the shape \[3, 4\], got float32 of \[3, 2\]"
+    ):
         Tracks.load(path)
-    np.savez(path, **(arrays | {"tracks": np.float32(3)}), occlusion=tracks.occlusion)
-    with pytest.raises(TracksFileError, match=r"tracks has the shape \[\]"):
-        Tracks.load(path)
+    arrays["occlusion"] = tracks.occlusion
+    for wrong in (np.array(3.0), tracks.xy.astype(str)):
+        np.savez(path, allow_pickle=False, **(arrays | {"tracks": wrong}))
+        with pytest.raises(TracksFileError, match="tracks must be numbers of the shape"):
+            Tracks.load(path)
