@@ -1,6 +1,6 @@
 """Alpha compositing along rays, for one volume and for the fusion of two.
 
-Notation, on the axis `sample` that runs from near to far (paper, Eq. 2 and 6):
+Notation, on the axis `sample` that runs from near to far (paper, Eq. 2 and 5):
     sigma   density of a sample, non-negative
     alpha   1 - exp(-sigma), the opacity of a sample
     T       transmittance: the share of light that reaches a sample, exp(-sum of sigma in front of it)
@@ -39,7 +39,7 @@ def fused_weights(
     sigma_dynamic: Float[Tensor, "*batch sample"],
     beta: Float[Tensor, "*batch sample"],
 ) -> FusedWeights:
-    """Weights of the fused volume (paper, Eq. 6).
+    """Weights of the fused volume (paper, Eq. 5).
 
     The combined density beta sigma_st + (1 - beta) sigma_dy attenuates; at each sample the static volume takes
     T beta alpha(sigma_st) and the dynamic one T (1 - beta) alpha(sigma_dy).

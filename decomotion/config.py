@@ -184,10 +184,6 @@ class VolumeConfig(Leaf):
 class ModelConfig(Leaf):
     """The fused model."""
 
-    near: float
-    """Smallest pseudo-depth on a ray."""
-    far: float
-    """Largest pseudo-depth on a ray."""
     samples: int = Field(ge=2)
     """Samples on a ray."""
     normalise_weights: bool
@@ -227,6 +223,10 @@ class OptimConfig(Leaf):
     """Share of the correspondences that are drawn by their last known error."""
     smooth_share: float = Field(ge=0, le=1)
     """Share of the correspondences at which scene-flow smoothness is evaluated."""
+    count_maps: bool
+    """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
+    count_maps: bool
+    """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)
     """Pairs whose graph is held in memory at once (gradients are accumulated; the mathematics is the same); 0: all."""
     autocast: Literal["none", "bf16"]

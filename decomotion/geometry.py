@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -40,16 +39,3 @@ class ImagePlane:
     def to_pixels(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Normalised coordinates to pixels."""
         return xy * self.pixels_per_unit + xy.new_tensor(self.centre)
-
-
-def bilinear_at(
-    image: Float[Tensor, "frame channel height width"], xy: Float[Tensor, "frame point 2"]
-) -> Float[Tensor, "frame point channel"]:
-    """Values of `image` at pixel positions `xy`, border values repeated outside."""
-    height, width = image.shape[-2:]
-    scale = xy.new_tensor([2 / width, 2 / height])
-    grid = (xy + 0.5) * scale - 1
-    values = torch.nn.functional.grid_sample(
-        image, grid[:, None], mode="bilinear", padding_mode="border", align_corners=False
-    )
-    return values[:, :, 0].transpose(1, 2)

@@ -9,6 +9,7 @@ import torch
 
 from decomotion.compositing import composite, composite_weights
 from decomotion.model.fusion import DecoMotion
+from decomotion.rays import FAR
 
 SIDE = 128
 """Longer side of a preview in pixels."""
@@ -31,9 +32,7 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
     for chunk in xy.reshape(1, -1, 2).to(device).split(4096, dim=1):
         rays = model.cast(chunk, conditioning)
         weights = rays.fused_static + rays.fused_dynamic
-        depth = (
-            composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]
-        ) / model.config.far
+        depth = (composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]) / FAR
         confidence = rays.static_confidence[..., None]
         dynamic = composite(composite_weights(rays.dynamic.density), rays.dynamic.colour)
         static = composite(composite_weights(rays.static.density), rays.static.colour)

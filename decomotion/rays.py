@@ -6,11 +6,14 @@ import torch
 from jaxtyping import Float
 from torch import Generator, Tensor
 
+NEAR, FAR = 0.0, 2.0
+"""Pseudo-depths at which rays begin and end."""
+
 
 def sample_depths(
-    like: Float[Tensor, "*batch 2"], samples: int, near: float, far: float, generator: Generator | None = None
+    like: Float[Tensor, "*batch 2"], samples: int, generator: Generator | None = None
 ) -> Float[Tensor, "*batch sample"]:
-    """Pseudo-depths of the ray samples, ascending: one in each of `samples` equal bins of [near, far].
+    """Pseudo-depths of the ray samples, ascending: one in each of `samples` equal bins of [NEAR, FAR].
 
     Stratified (uniform in its bin) where a `generator` is given, as in training; the bins' centres otherwise.
     """
@@ -19,7 +22,7 @@ def sample_depths(
         offset = torch.full_like(like[..., :1], 0.5)
     else:
         offset = torch.rand((*like.shape[:-1], samples), dtype=like.dtype, device=like.device, generator=generator)
-    return near + (bins + offset) * ((far - near) / samples)
+    return NEAR + (bins + offset) * ((FAR - NEAR) / samples)
 
 
 def lift(xy: Float[Tensor, "*batch 2"], depths: Float[Tensor, "*batch sample"]) -> Float[Tensor, "*batch sample 3"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import signal
 import time
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
-from decomotion.losses import LOSSES
+from decomotion.losses import LOSSES, check_names
 from decomotion.model.fusion import DecoMotion
 from decomotion.schedule import learning_rate_factor, longest_gap, value_at
 
@@ -91,6 +92,7 @@ def fit(
         run = _resumed(folder, clip, where)
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
+        check_names(config.loss)
         run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
     if steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
@@ -115,7 +117,8 @@ def _fresh(
     plane = ImagePlane(clip.height, clip.width)
     starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
     model = DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
-    folder.mkdir(parents=True, exist_ok=True)
+    for former in ("previews", "tensorboard"):
+        shutil.rmtree(folder / former, ignore_errors=True)
     with replacing(folder / "config.yaml") as file:
         file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
     return Run(folder, ClipFacts.of(clip), config, model, pool, seed)
@@ -209,7 +212,7 @@ class Run:
                     saved = time.monotonic()
             self.save()
         if done < 1:
-            log.info("stopped at step %d; continue with --resume --out %s", self.step, self.folder)
+            log.info("stopped at step %d; the same command with --resume goes on (--out %s)", self.step, self.folder)
             raise KeyboardInterrupt
         self.preview(None)
 

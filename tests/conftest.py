@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -20,6 +21,25 @@ def shared() -> Path:
     if not (SHARED / "data").is_dir():
         pytest.skip(f"no real data at {SHARED}: set DECOMO_SHARED to the folder that holds it")
     return SHARED
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Prepared supervision goes to a folder of the session: no test depends on what another run left behind."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DECOMO_CACHE", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run of a fit of 20 steps to the sliding square."""
+    from decomotion import config, fit
+    from tiny_fit import TINY_CPU, sliding_square
+
+    out = tmp_path_factory.mktemp("runs") / "sliding"
+    return fit(sliding_square(), out, config=config.load("cpu", overrides=TINY_CPU), steps=20, progress=False)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

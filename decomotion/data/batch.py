@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Generator, Tensor
 
 from decomotion.config import OptimConfig
-from decomotion.data.pool import Pool
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Batch:
     """The dense feature at `xy`, of unit norm."""
     moving: Float[Tensor, "pair point"]
     """The motion mask M at `xy`: 1 on what moves."""
+    masked: Float[Tensor, "pair point"]
+    """1 where there is a motion mask, 0 where M is not known."""
 
     def pairs(self, begin: int, end: int) -> Batch:
         """The pairs `begin` to `end`."""
@@ -54,6 +56,7 @@ class Sampler:
         self._config = config
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in pixels (OmniMotion's error maps)."""
+        self._cumulated = _cumulated_rarity(pool) if config.count_maps else None
 
     def draw(self, longest_gap: int, generator: Generator) -> Batch:
         """A batch whose pairs are at most `longest_gap` frames apart."""
@@ -71,6 +74,7 @@ class Sampler:
         point = self._draw_points(frame, generator)
 
         i, j, p = frame.numpy()[:, None], target.numpy()[:, None], point.numpy()
+        moving = pool.moving[i, p]
         return Batch(
             frame=frame,
             target_frame=target,
@@ -80,25 +84,38 @@ class Sampler:
             confidence=_tensor(pool.confidence[i, j, p]) / 255,
             rgb=_tensor(pool.rgb[i, p]) / 255,
             feature=_tensor(pool.feature[i, p]),
-            moving=_tensor(pool.moving[i, p]),
+            moving=_tensor(moving == 1),
+            masked=_tensor(moving != UNKNOWN_MOTION),
         )
 
     def _draw_points(self, frame: Int[Tensor, " pair"], generator: Generator) -> Int[Tensor, "pair point"]:
         config = self._config
         hard = round(config.points * config.hard_mining)
-        uniform = torch.randint(self._pool.num_points, (len(frame), config.points - hard), generator=generator)
+        shape = (len(frame), config.points - hard)
+        if self._cumulated is None:
+            drawn = torch.randint(self._pool.num_points, shape, generator=generator)
+        else:
+            drawn = torch.searchsorted(self._cumulated[frame], torch.rand(shape, generator=generator))
+            drawn = drawn.clamp(max=self._pool.num_points - 1)
         if not hard:
-            return uniform
+            return drawn
         # a tournament of 4: the one with the largest known error of four random points
         rivals = torch.randint(self._pool.num_points, (len(frame), hard, 4), generator=generator)
         winner = self.errors[frame[:, None, None], rivals].argmax(dim=-1, keepdim=True)
-        return torch.cat([uniform, rivals.gather(-1, winner)[..., 0]], dim=-1)
+        return torch.cat([drawn, rivals.gather(-1, winner)[..., 0]], dim=-1)
 
     def note_errors(self, batch: Batch, error: Float[Tensor, "pair point"]) -> None:
         """Remembers the position errors in pixels of a batch; those of unknown targets are left out."""
         frame = batch.frame[:, None].expand_as(batch.point)
         old = self.errors[frame, batch.point]
         self.errors[frame, batch.point] = torch.where(batch.confidence > 0, 0.5 * old + 0.5 * error, 0.9 * old)
+
+
+def _cumulated_rarity(pool: Pool) -> Float[Tensor, "frame point"]:
+    """Cumulated probabilities of each frame's points: rarely linked ones are likelier, by 1 / sqrt(count + 1)."""
+    counts = np.stack([(confidence > 0).sum(axis=0) for confidence in pool.confidence])
+    rarity = np.cumsum(1 / np.sqrt(counts + 1.0), axis=-1)
+    return torch.from_numpy((rarity / rarity[:, -1:]).astype(np.float32))
 
 
 def _tensor(values: np.ndarray) -> Float[Tensor, "..."]:

@@ -6,20 +6,28 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-RANSAC_PIXELS = 1.0
+RANSAC_UNITS = 1.0
+"""Inliers of an affine fit lie this near, in pixels of a frame whose longer side is 256."""
 MIN_POINTS = 12
 
 Affine = npt.NDArray[np.float64]
 
 
-def fit_affine(source: npt.NDArray[np.float32], target: npt.NDArray[np.float32], similarity: bool = False) -> Affine:
-    """Robust 2x3 affine map from `source` to `target`, both [point, 2]; a translation where points are few."""
+def fit_affine(
+    source: npt.NDArray[np.float32], target: npt.NDArray[np.float32], unit: float, similarity: bool = False
+) -> Affine | None:
+    """Robust 2x3 affine map from `source` to `target`, both [point, 2]; a shift where points are few, None without any.
+
+    `unit` is the length in pixels of one unit: a 256th of the frame's longer side.
+    """
     if len(source) >= MIN_POINTS:
         estimate = cv2.estimateAffinePartial2D if similarity else cv2.estimateAffine2D
-        matrix, _ = estimate(source, target, method=cv2.RANSAC, ransacReprojThreshold=RANSAC_PIXELS, maxIters=2000)
+        matrix, _ = estimate(source, target, method=cv2.RANSAC, ransacReprojThreshold=RANSAC_UNITS * unit)
         if matrix is not None:
             return matrix.astype(np.float64)
-    shift = np.median(target - source, axis=0) if len(source) else np.zeros(2)
+    if not len(source):
+        return None
+    shift = np.median(target - source, axis=0)
     return np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float64)
 
 
@@ -42,7 +50,9 @@ def chain(
     points: npt.NDArray[np.float32],
     targets: npt.NDArray[np.float32],
     usable: npt.NDArray[np.bool_],
+    unit: float,
     similarity: bool = False,
+    fallback: Affine | None = None,
 ) -> Affine:
     """Affine maps from every frame to the middle frame, in pixels: [frame, 2, 3].
 
@@ -50,7 +60,10 @@ def chain(
         points: [frame, point, 2].
         targets: [frame, frame, point, 2], as in the pool.
         usable: [frame, frame, point], the correspondences to fit to.
+        unit: pixels of one unit, as in `fit_affine`.
         similarity: fit rotation, scale and shift only.
+        fallback: [frame, 2, 3], maps to the middle frame to follow between frames that share no usable points;
+            default: stand still.
     """
     frames = len(points)
     middle = frames // 2
@@ -59,7 +72,11 @@ def chain(
         for frame in range(middle + step, frames if step > 0 else -1, step):
             previous = frame - step
             use = usable[frame, previous]
-            to_previous = fit_affine(points[frame][use], targets[frame, previous][use], similarity)
+            to_previous = fit_affine(points[frame][use], targets[frame, previous][use], unit, similarity)
+            if to_previous is None and fallback is not None:
+                to_previous = compose(invert(fallback[previous]), fallback[frame])
+            if to_previous is None:
+                to_previous = np.eye(2, 3)
             maps[frame] = compose(maps[previous], to_previous)
     return maps
 

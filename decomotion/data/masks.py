@@ -17,18 +17,20 @@ NEIGHBOURS = 8
 """Residuals are accumulated over target frames up to this far away."""
 MIN_VALID = 64
 """A pair with fewer visible correspondences says nothing."""
-HOMOGRAPHY_PIXELS = 1.5
-RESIDUAL_PIXELS = 1.0
+HOMOGRAPHY_UNITS = 1.5
+"""Inliers of the camera's homography lie this near, in pixels of a frame whose longer side is 256."""
+RESIDUAL_UNITS = 1.0
 """Residual at a gap of one frame, in pixels of a 256-pixel frame, from which a point counts as moving."""
 
 
 def residual_motion(
-    points: npt.NDArray[np.float32], targets: npt.NDArray[np.float32], confidence: npt.NDArray[np.uint8]
+    points: npt.NDArray[np.float32], targets: npt.NDArray[np.float32], confidence: npt.NDArray[np.uint8], unit: float
 ) -> npt.NDArray[np.float32]:
     """How much each point's motion differs from the camera's, [frame, point], pixels per square root of the gap.
 
     For each pair of frames within `NEIGHBOURS` a homography is fitted robustly; a point's value is the median over
     the pairs in which it is visible of its distance to where the homography leads. 0 where it is visible in none.
+    `unit` is the length in pixels of one unit: a 256th of the frame's longer side.
     """
     frames = len(points)
     result = np.zeros(points.shape[:2], np.float32)
@@ -39,7 +41,7 @@ def residual_motion(
             if other == frame or visible.sum() < MIN_VALID:
                 continue
             source, target = points[frame], targets[frame, other]
-            matrix, _ = cv2.findHomography(source[visible], target[visible], cv2.RANSAC, HOMOGRAPHY_PIXELS)
+            matrix, _ = cv2.findHomography(source[visible], target[visible], cv2.RANSAC, HOMOGRAPHY_UNITS * unit)
             if matrix is None:
                 continue
             led = cv2.perspectiveTransform(source[None], matrix)[0]
@@ -54,7 +56,7 @@ def residual_motion(
 
 def moving_from_residual(residual: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int) -> Mask:
     """Masks [frame, H, W] from the residuals of a jittered grid of points, [frame, rows * columns]."""
-    threshold = RESIDUAL_PIXELS * max(height, width) / 256
+    threshold = RESIDUAL_UNITS * max(height, width) / 256
     masks = []
     for values in residual.reshape(-1, *grid):
         smooth = cv2.medianBlur(values.astype(np.float32), 5)

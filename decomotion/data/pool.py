@@ -5,9 +5,9 @@ Folder format, each array a `.npy` file that is memory-mapped when read (`docs/f
     targets     float32 [T, T, P, 2]    targets[i, j, p]: where point p of frame i lies in frame j, pixels
     confidence  uint8   [T, T, P]       255: certain; 0: hidden, outside or unknown
     rgb         uint8   [T, P, 3]       the clip's colour there
-    feature     float16 [T, P, C]       the dense feature there, unit norm; C may be 0
-    moving      uint8   [T, P]          1 on what moves relative to the static scene
-    camera      float32 [T, 2, 3]       affine map from frame to frame 0, normalised coordinates
+    feature     float16 [T, P, C]       the dense feature there, of unit norm; C may be 0
+    moving      uint8   [T, P]          1 on what moves relative to the static scene, 0 on the scene, 2 unknown
+    camera      float32 [T, 2, 3]       affine map to the middle frame T // 2, normalised coordinates
     object      float32 [T, 2, 3]       the same for what moves
 """
 
@@ -18,6 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+
+UNKNOWN_MOTION = 2
+"""Value of `moving` where there is no motion mask."""
 
 
 @dataclass(frozen=True)

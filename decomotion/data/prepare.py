@@ -20,7 +20,7 @@ from decomotion.clip import Clip
 from decomotion.config import DataConfig
 from decomotion.data import camera, linking, masks
 from decomotion.data.flow import DisFlow, FlowEstimator
-from decomotion.data.pool import Pool, grid_shape, jittered_grid, open_pool
+from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid, open_pool
 
 POOL_VERSION = 1
 """Raised whenever the same clip and settings would give another pool."""
@@ -47,7 +47,8 @@ def prepare(clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: 
     folder = cache_root() / _key(clip, config, given)
     if rebuild or not folder.is_dir():
         partial = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
+        for left in folder.parent.glob(f"{folder.name}.*.partial"):  # by a killed run
+            shutil.rmtree(left, ignore_errors=True)
         partial.mkdir(parents=True)
         try:
             _build(clip, config, given, partial, progress)
@@ -75,11 +76,12 @@ def _build(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None, 
 
     grid = grid_shape(clip.height, clip.width, config.pool.points_per_frame)
     moving = _moving(points, targets, confidence, given, clip, config, grid)
-    np.save(folder / "moving.npy", moving.astype(np.uint8))
+    np.save(folder / "moving.npy", moving)
     usable = confidence > 0
-    still = usable & ~moving[:, None]
-    for name, use, similarity in (("camera", still, False), ("object", usable & moving[:, None], True)):
-        maps = camera.chain(points, targets, use, similarity)
+    unit = max(clip.height, clip.width) / 256
+    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
+    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
+    for name, maps in (("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", camera.to_normalised(maps, clip.height, clip.width))
 
     np.save(folder / "rgb.npy", np.stack([_at(frame, xy) for frame, xy in zip(clip.frames, points, strict=True)]))
@@ -168,16 +170,16 @@ def _moving(
     clip: Clip,
     config: DataConfig,
     grid: tuple[int, int],
-) -> npt.NDArray[np.bool_]:
-    """[frame, point]: whether each point moves; with masks `none`, nothing is known to."""
+) -> npt.NDArray[np.uint8]:
+    """[frame, point]: 1 on what moves, 0 on the scene; `UNKNOWN_MOTION` everywhere with masks `none`."""
     if config.masks == "none":
-        return np.zeros(points.shape[:2], np.bool_)
+        return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     if given is None:
-        residual = masks.residual_motion(points, targets, confidence)
+        residual = masks.residual_motion(points, targets, confidence, max(clip.height, clip.width) / 256)
         given = masks.moving_from_residual(residual, grid, clip.height, clip.width)
     nearest = np.round(points).astype(np.int64)
     frame = np.arange(len(points))[:, None]
-    return given[frame, nearest[..., 1], nearest[..., 0]]
+    return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)
 
 
 def _at(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
@@ -204,4 +206,6 @@ def _features(clip: Clip, points: npt.NDArray[np.float32], config: DataConfig) -
         )
         for image, xy in zip(maps, where, strict=True)
     ]
-    return np.stack(values).astype(np.float16)
+    stacked = np.stack(values)
+    norm = np.linalg.norm(stacked, axis=-1, keepdims=True)
+    return (stacked / np.maximum(norm, 1e-6)).astype(np.float16)

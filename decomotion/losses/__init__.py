@@ -1,7 +1,8 @@
 """The losses by name. A new one is a file here, an entry in `LOSSES`, a line of YAML and a test.
 
 Each entry says which parts of the prediction and of the batch its function looks at; the configuration's `loss`
-section says how much it weighs and when. M is the motion mask, 1 on what moves.
+section says how much it weighs and when. M is the motion mask, 1 on what moves; where there is none, the losses that
+it guides have weight 0 and the fused ones decide alone.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from collections.abc import Callable
 from jaxtyping import Float
 from torch import Tensor
 
+from decomotion.config import Schedule
 from decomotion.data.batch import Batch
+from decomotion.errors import ConfigError
 from decomotion.losses.depth_range import depth_range_loss
 from decomotion.losses.distortion import distortion_loss
 from decomotion.losses.feature import feature_loss
@@ -20,20 +23,19 @@ from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
-
-NEAR, FAR = 0.0, 2.0
+from decomotion.rays import FAR, NEAR
 
 Loss = Callable[[Prediction, Batch], Float[Tensor, ""]]
 
 LOSSES: dict[str, Loss] = {
     "flow_dynamic": lambda p, b: flow_loss(p.dynamic_xy, b.target_xy, b.confidence * b.moving),
-    "flow_static": lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (1 - b.moving)),
+    "flow_static": lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (b.masked - b.moving)),
     "flow_fused": lambda p, b: flow_loss(p.fused_xy, b.target_xy, b.confidence),
     "photometric_dynamic": lambda p, b: photometric_loss(p.dynamic_rgb, b.rgb, b.moving),
-    "photometric_static": lambda p, b: photometric_loss(p.static_rgb, b.rgb, 1 - b.moving),
+    "photometric_static": lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving),
     "photometric_fused": lambda p, b: photometric_loss(p.fused_rgb, b.rgb, b.moving.new_ones(b.moving.shape)),
     "feature": lambda p, b: feature_loss(p.dynamic_feature, b.feature, b.moving),
-    "segmentation": lambda p, b: segmentation_loss(p.static_confidence, b.moving),
+    "segmentation": lambda p, b: segmentation_loss(p.static_confidence, b.moving, b.masked),
     "scene_flow": lambda p, b: scene_flow_loss(p.acceleration),
     "distortion": lambda p, b: (
         distortion_loss(p.static_weights, p.depths, NEAR, FAR) + distortion_loss(p.dynamic_weights, p.depths, NEAR, FAR)
@@ -42,3 +44,10 @@ LOSSES: dict[str, Loss] = {
         depth_range_loss(p.static_depths, NEAR, FAR) + depth_range_loss(p.dynamic_depths, NEAR, FAR)
     ),
 }
+
+
+def check_names(weights: dict[str, float | Schedule]) -> None:
+    """Raises `ConfigError` where the configuration weighs a loss that does not exist."""
+    for name in weights:
+        if name not in LOSSES:
+            raise ConfigError(f"loss.{name} is not a loss; there are {', '.join(LOSSES)}")

@@ -1,4 +1,4 @@
-"""Feature rendering loss (paper, Eq. 9)."""
+"""Feature rendering loss (paper, Eq. 8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion rendering loss (paper, Eq. 7, 10 and 13)."""
+"""Motion rendering loss (paper, Eq. 6, 9 and 12)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colour rendering loss (paper, Eq. 8, 11 and 14)."""
+"""Colour rendering loss (paper, Eq. 7, 10 and 13)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mask guidance of the static confidence (paper, Eq. 12)."""
+"""Mask guidance of the static confidence (paper, Eq. 11)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from torch import Tensor
 
 
 def segmentation_loss(
-    static_confidence: Float[Tensor, "pair point"], moving: Float[Tensor, "pair point"]
+    static_confidence: Float[Tensor, "pair point"],
+    moving: Float[Tensor, "pair point"],
+    weight: Float[Tensor, "pair point"],
 ) -> Float[Tensor, ""]:
-    """Binary cross-entropy between the rendered static confidence and the motion mask (1: moving)."""
+    """Weighted binary cross-entropy of static confidence and motion mask (1: moving), averaged over all points."""
     confidence = static_confidence.clamp(1e-4, 1 - 1e-4)
-    return -((1 - moving) * torch.log(confidence) + moving * torch.log(1 - confidence)).mean()
+    return -(weight * ((1 - moving) * torch.log(confidence) + moving * torch.log(1 - confidence))).mean()

@@ -183,7 +183,7 @@ class GridConditioner(nn.Module):
             values = F.grid_sample(
                 conditioning, where[:, :, None], mode="bilinear", padding_mode="border", align_corners=True
             )[..., 0]
-            return values[:, 0], values[:, 1]
+            return values[:, 0].clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), values[:, 1]
         return self._look_up_each(where, conditioning, frame)
 
     def _look_up_each(
@@ -205,7 +205,7 @@ class GridConditioner(nn.Module):
             padding_mode="border",
             align_corners=True,
         )[0]
-        return values[0], values[1]
+        return values[0].clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), values[1]
 
 
 def grid_size(half: Float[Tensor, "2"], cells: int) -> tuple[int, int]:

@@ -124,7 +124,7 @@ class DecoMotion(nn.Module):
         """Samples the rays through pixels `xy`; stratified where a `generator` is given."""
         config = self.config
         batch, points = xy.shape[:2]
-        depths = sample_depths(xy, config.samples, config.near, config.far, generator)
+        depths = sample_depths(xy, config.samples, generator)
         depths = depths.expand(batch, points, config.samples)
         local = lift(self.plane.normalise(xy), depths).flatten(1, 2)
         shape = (batch, points, config.samples, 3)

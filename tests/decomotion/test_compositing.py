@@ -1,0 +1,110 @@
+"""Weights along rays: their sums, slow twins in nested loops, and the two ends of the static confidence."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from decomotion.compositing import composite, composite_weights, fused_weights, transmittance
+
+BATCHES = [(), (4,), (2, 3)]
+densities = st.lists(st.floats(0, 1e3, width=32), min_size=1, max_size=8)
+confidences = st.floats(0, 1, width=32)
+
+
+def random_rays(batch: tuple[int, ...], samples: int = 7, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Densities of both volumes and confidences, in double precision."""
+    generator = torch.Generator().manual_seed(seed)
+    static, dynamic, beta = torch.rand(3, *batch, samples, generator=generator, dtype=torch.float64)
+    return 3 * static, 3 * dynamic, beta
+
+
+@given(densities)
+def test_weights_sum_to_at_most_one(sigma: list[float]):
+    weights = composite_weights(torch.tensor(sigma))
+    assert (weights >= 0).all()
+    assert weights.sum() <= 1 + 1e-6  # float32
+
+
+@given(st.lists(st.tuples(st.floats(0, 1e3, width=32), st.floats(0, 1e3, width=32), confidences), min_size=1))
+def test_fused_weights_sum_to_at_most_one(samples: list[tuple[float, float, float]]):
+    weights = fused_weights(*torch.tensor(samples).unbind(-1))
+    assert (weights.static >= 0).all()
+    assert (weights.dynamic >= 0).all()
+    assert weights.static.sum() + weights.dynamic.sum() <= 1 + 1e-6  # float32
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+def test_weights_against_nested_loops(batch: tuple[int, ...]):
+    sigma, *_ = random_rays(batch)
+    weights = composite_weights(sigma)
+    for ray in torch.cartesian_prod(*map(torch.arange, batch)).reshape(-1, len(batch)).tolist() or [()]:
+        light = 1.0
+        for k in range(7):
+            alpha = 1 - math.exp(-sigma[*ray, k])
+            assert weights[*ray, k].item() == pytest.approx(light * alpha, abs=1e-12)
+            light *= 1 - alpha
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+def test_fused_weights_against_equation_5(batch: tuple[int, ...]):
+    static, dynamic, beta = random_rays(batch)
+    weights = fused_weights(static, dynamic, beta)
+    for ray in torch.cartesian_prod(*map(torch.arange, batch)).reshape(-1, len(batch)).tolist() or [()]:
+        for k in range(7):
+            attenuation = 0.0
+            for l in range(k):  # noqa: E741
+                attenuation += beta[*ray, l] * static[*ray, l] + (1 - beta[*ray, l]) * dynamic[*ray, l]
+            light = math.exp(-attenuation)
+            of_static = light * beta[*ray, k] * (1 - math.exp(-static[*ray, k]))
+            of_dynamic = light * (1 - beta[*ray, k]) * (1 - math.exp(-dynamic[*ray, k]))
+            assert weights.static[*ray, k].item() == pytest.approx(of_static.item(), abs=1e-12)
+            assert weights.dynamic[*ray, k].item() == pytest.approx(of_dynamic.item(), abs=1e-12)
+
+
+def test_full_confidence_is_the_static_volume_alone():
+    static, dynamic, beta = random_rays((5,))
+    weights = fused_weights(static, dynamic, torch.ones_like(beta))
+    assert torch.equal(weights.static, composite_weights(static))
+    assert not weights.dynamic.any()
+
+
+def test_no_confidence_is_the_dynamic_volume_alone():
+    static, dynamic, beta = random_rays((5,))
+    weights = fused_weights(static, dynamic, torch.zeros_like(beta))
+    assert torch.equal(weights.dynamic, composite_weights(dynamic))
+    assert not weights.static.any()
+
+
+def test_two_equal_volumes_are_one():
+    sigma, _, beta = random_rays((5,))
+    weights = fused_weights(sigma, sigma, beta)
+    torch.testing.assert_close(weights.static + weights.dynamic, composite_weights(sigma))
+
+
+def test_transmittance_is_exclusive_of_the_sample_itself():
+    sigma = torch.tensor([math.log(2), math.log(4), 100.0])
+    torch.testing.assert_close(transmittance(sigma), torch.tensor([1.0, 1 / 2, 1 / 8]))
+    # 1 - 1/2 of the light stops at the first sample, 3/4 of the rest at the second, all that is left at the last
+    torch.testing.assert_close(composite_weights(sigma), torch.tensor([1 / 2, 3 / 8, 1 / 8]))
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+def test_composite_is_a_weighted_sum(batch: tuple[int, ...]):
+    weights, *_ = random_rays(batch, samples=3)
+    values = torch.stack(random_rays(batch, samples=3, seed=1), dim=-1)
+    expected = sum(weights[..., k, None] * values[..., k, :] for k in range(3))
+    torch.testing.assert_close(composite(weights, values), expected)
+
+
+def test_gradients_are_finite_where_a_volume_is_opaque_or_empty():
+    sigma = torch.tensor([0.0, 1e4, 0.0, 1e4], requires_grad=True)
+    weights = composite_weights(sigma)
+    (weights * torch.arange(4)).sum().backward()
+    assert sigma.grad is not None
+    assert sigma.grad.isfinite().all()
