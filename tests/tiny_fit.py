@@ -13,7 +13,7 @@ import numpy.typing as npt
 from decomotion.clip import Clip
 
 if TYPE_CHECKING:
-    from torch import nn
+    from torch import Tensor, nn
 
     from decomotion.model.fusion import DecoMotion
 
@@ -125,8 +125,16 @@ def write_truth(clip: Clip, path: Path) -> Path:
     return path
 
 
-def tiny_model(preset: str, *, frames: int = 5, height: int = 24, width: int = 32, feature_size: int = 3) -> DecoMotion:
-    """A model as it is before a fit, from identity maps."""
+def tiny_model(
+    preset: str,
+    *,
+    frames: int = 5,
+    height: int = 24,
+    width: int = 32,
+    feature_size: int = 3,
+    start: Tensor | None = None,
+) -> DecoMotion:
+    """A model as it is before a fit; `start` are the affine maps [frame, 3, 4] of both volumes, default: identity."""
     import torch
 
     from decomotion.config import load
@@ -135,7 +143,7 @@ def tiny_model(preset: str, *, frames: int = 5, height: int = 24, width: int = 3
 
     torch.manual_seed(0)
     config = load(preset, overrides=TINY_PRESETS[preset]).model
-    start = torch.eye(3, 4).repeat(frames, 1, 1)
+    start = torch.eye(3, 4).repeat(frames, 1, 1) if start is None else start
     return DecoMotion(config, ImagePlane(height, width), (start, start), feature_size)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -13,8 +14,10 @@ from torch import Tensor
 from decomotion.compositing import composite, composite_weights, fused_weights, transmittance
 
 BATCHES = [(), (4,), (2, 3)]
-densities = st.lists(st.floats(0, 1e3, width=32), min_size=1, max_size=8)
+densities = st.floats(0, 100, width=32)
 confidences = st.floats(0, 1, width=32)
+SLACK = 1e-4
+"""T is the exponential of a difference of sums of up to 800, which float32 keeps to 6e-5."""
 
 
 def random_rays(batch: tuple[int, ...], samples: int = 7, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
@@ -24,26 +27,26 @@ def random_rays(batch: tuple[int, ...], samples: int = 7, seed: int = 0) -> tupl
     return 3 * static, 3 * dynamic, beta
 
 
-@given(densities)
+@given(st.lists(densities, min_size=1, max_size=8))
 def test_weights_sum_to_at_most_one(sigma: list[float]):
     weights = composite_weights(torch.tensor(sigma))
     assert (weights >= 0).all()
-    assert weights.sum() <= 1 + 1e-6  # float32
+    assert weights.sum() <= 1 + SLACK
 
 
-@given(st.lists(st.tuples(st.floats(0, 1e3, width=32), st.floats(0, 1e3, width=32), confidences), min_size=1))
+@given(st.lists(st.tuples(densities, densities, confidences), min_size=1, max_size=8))
 def test_fused_weights_sum_to_at_most_one(samples: list[tuple[float, float, float]]):
     weights = fused_weights(*torch.tensor(samples).unbind(-1))
     assert (weights.static >= 0).all()
     assert (weights.dynamic >= 0).all()
-    assert weights.static.sum() + weights.dynamic.sum() <= 1 + 1e-6  # float32
+    assert weights.static.sum() + weights.dynamic.sum() <= 1 + SLACK
 
 
 @pytest.mark.parametrize("batch", BATCHES)
 def test_weights_against_nested_loops(batch: tuple[int, ...]):
     sigma, *_ = random_rays(batch)
     weights = composite_weights(sigma)
-    for ray in torch.cartesian_prod(*map(torch.arange, batch)).reshape(-1, len(batch)).tolist() or [()]:
+    for ray in np.ndindex(batch):
         light = 1.0
         for k in range(7):
             alpha = 1 - math.exp(-sigma[*ray, k])
@@ -55,7 +58,7 @@ def test_weights_against_nested_loops(batch: tuple[int, ...]):
 def test_fused_weights_against_equation_5(batch: tuple[int, ...]):
     static, dynamic, beta = random_rays(batch)
     weights = fused_weights(static, dynamic, beta)
-    for ray in torch.cartesian_prod(*map(torch.arange, batch)).reshape(-1, len(batch)).tolist() or [()]:
+    for ray in np.ndindex(batch):
         for k in range(7):
             attenuation = 0.0
             for l in range(k):  # noqa: E741

@@ -13,14 +13,14 @@ def optim(**changes: object) -> OptimConfig:
 
 
 @pytest.mark.parametrize(
-    ("progress", "expected"), [(0, 1.0), (0.2, 1.0), (0.3, 0.75), (0.4, 0.5), (0.5, 0.25), (0.6, 0.0), (1, 0.0)]
+    ("progress", "expected"), [(0.0, 1.0), (0.2, 1.0), (0.3, 0.75), (0.4, 0.5), (0.5, 0.25), (0.6, 0.0), (1.0, 0.0)]
 )
 def test_a_schedule_is_linear_between_two_points(progress: float, expected: float):
     assert value_at(Schedule(value=1, to=0, begin=0.2, end=0.6), progress) == pytest.approx(expected)
 
 
 def test_a_number_stays():
-    assert [value_at(0.7, progress) for progress in (0, 0.5, 1)] == [0.7] * 3
+    assert [value_at(0.7, progress) for progress in (0.0, 0.5, 1.0)] == [0.7] * 3
 
 
 def test_a_schedule_of_no_length_is_a_switch():
@@ -28,7 +28,7 @@ def test_a_schedule_of_no_length_is_a_switch():
     assert [value_at(switch, progress) for progress in (0.49, 0.5, 0.51)] == [0, 5, 5]
 
 
-@pytest.mark.parametrize(("progress", "expected"), [(0.05, 0.5), (0.1, 1), (0.325, 0.8535534), (0.55, 0.5), (1, 0)])
+@pytest.mark.parametrize(("progress", "expected"), [(0.05, 0.5), (0.1, 1.0), (0.325, 0.8535534), (0.55, 0.5), (1.0, 0.0)])
 def test_warm_up_then_half_a_cosine(progress: float, expected: float):
     assert learning_rate_factor(optim(warmup=0.1, decay="cosine"), progress) == pytest.approx(expected)
 
@@ -40,14 +40,14 @@ def test_warm_up_then_steps(progress: float, expected: float):
 
 
 def test_the_first_step_moves():
-    assert learning_rate_factor(optim(warmup=0.1), 0) > 0
+    assert learning_rate_factor(optim(warmup=0.1), 0.0) > 0
 
 
 def test_no_warm_up():
-    assert learning_rate_factor(optim(warmup=0.0, decay="cosine"), 0) == 1
+    assert learning_rate_factor(optim(warmup=0.0, decay="cosine"), 0.0) == 1
 
 
-@pytest.mark.parametrize(("progress", "expected"), [(0, 2), (0.2, 11), (0.4, 20), (1, 20)])
+@pytest.mark.parametrize(("progress", "expected"), [(0.0, 2), (0.2, 11), (0.4, 20), (1.0, 20)])
 def test_the_longest_gap_grows(progress: float, expected: int):
     config = optim(gap=Schedule(value=0.1, to=1, begin=0, end=0.4))
     assert longest_gap(config, progress, num_frames=21) == expected
@@ -55,5 +55,5 @@ def test_the_longest_gap_grows(progress: float, expected: int):
 
 def test_the_longest_gap_is_at_least_one_frame_and_within_the_clip():
     config = optim(gap=Schedule(value=0, to=1, begin=0, end=0.4))
-    assert longest_gap(config, 0, num_frames=50) == 1
-    assert longest_gap(config, 1, num_frames=2) == 1
+    assert longest_gap(config, 0.0, num_frames=50) == 1
+    assert longest_gap(config, 1.0, num_frames=2) == 1

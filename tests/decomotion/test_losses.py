@@ -1,0 +1,177 @@
+"""Losses, by hand and against nested loops."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from decomotion.config import PRESETS, load
+from decomotion.data.batch import Batch
+from decomotion.errors import ConfigError
+from decomotion.losses import LOSSES, check_names
+from decomotion.losses.depth_range import depth_range_loss
+from decomotion.losses.distortion import distortion_loss
+from decomotion.losses.feature import feature_loss
+from decomotion.losses.flow import flow_loss
+from decomotion.losses.photometric import photometric_loss
+from decomotion.losses.scene_flow import scene_flow_loss
+from decomotion.losses.segmentation import segmentation_loss
+from tiny_fit import tiny_model
+
+
+def pair_of_points(*values: list[float]) -> Tensor:
+    """[1 pair, point, channel]."""
+    return torch.tensor(values)[None]
+
+
+def weights(*values: float) -> Tensor:
+    return torch.tensor(values)[None]
+
+
+class TestFlow:
+    predicted, target = pair_of_points([1.0, 2.0], [5.0, 5.0]), pair_of_points([4.0, -2.0], [5.0, 6.0])
+
+    def test_by_hand(self):
+        # L1 distances 3 + 4 = 7 and 1; (7 * 0.5 + 1 * 1) / 2 points
+        assert flow_loss(self.predicted, self.target, weights(0.5, 1.0)).item() == 2.25
+
+    def test_zero_confidence(self):
+        predicted = self.predicted.clone().requires_grad_()
+        loss = flow_loss(predicted, self.target, weights(0.0, 0.0))
+        loss.backward()
+        assert loss.item() == 0
+        assert predicted.grad is not None
+        assert not predicted.grad.any()
+
+
+class TestPhotometric:
+    def test_by_hand(self):
+        rendered, rgb = pair_of_points([0.5, 0.0, 1.0], [0.0, 0.0, 0.0]), pair_of_points([0.0, 0.5, 1.0], [1.0, 1.0, 1.0])
+        # squared distances 0.5 and 3
+        assert photometric_loss(rendered, rgb, weights(1.0, 0.5)).item() == 1.0
+        assert photometric_loss(rendered, rgb, weights(0.0, 0.0)).item() == 0.0
+
+
+class TestFeature:
+    def test_by_hand(self):
+        rendered, feature = pair_of_points([1.0, 0.0], [0.0, 0.0]), pair_of_points([0.0, 1.0], [0.0, 0.5])
+        # mean absolute differences 1 and 0.25
+        assert feature_loss(rendered, feature, weights(0.5, 1.0)).item() == 0.375
+
+    def test_no_channels(self):
+        assert feature_loss(torch.zeros(2, 3, 0), torch.zeros(2, 3, 0), torch.ones(2, 3)).item() == 0
+
+
+class TestSegmentation:
+    @pytest.mark.parametrize("moving", [0.0, 1.0])
+    def test_certain_and_right_costs_nothing(self, moving: float):
+        # confidences are kept 1e-4 from 0 and 1
+        assert segmentation_loss(weights(1 - moving), weights(moving), weights(1.0)).item() == pytest.approx(0, abs=2e-4)
+
+    @pytest.mark.parametrize("moving", [0.0, 1.0])
+    def test_certain_and_wrong_costs_much_but_not_all(self, moving: float):
+        loss = segmentation_loss(weights(moving), weights(moving), weights(1.0)).item()
+        assert loss == pytest.approx(-math.log(1e-4), rel=1e-3)
+
+    def test_by_hand(self):
+        loss = segmentation_loss(weights(0.25, 0.25, 0.1), weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
+        assert loss.item() == pytest.approx(-(math.log(0.25) + math.log(0.75)) / 3)
+
+    def test_gradient_leads_to_the_mask(self):
+        confidence = weights(0.5, 0.5).requires_grad_()
+        segmentation_loss(confidence, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
+        assert confidence.grad is not None
+        assert confidence.grad[0, 0] < 0 < confidence.grad[0, 1]
+
+
+class TestDistortion:
+    @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
+    def test_against_nested_loops(self, batch: tuple[int, ...]):
+        generator = torch.Generator().manual_seed(0)
+        w = torch.rand(*batch, 5, generator=generator, dtype=torch.float64)
+        depths = torch.rand(*batch, 5, generator=generator, dtype=torch.float64).sort(dim=-1).values * 2
+        rays = list(zip(w.reshape(-1, 5), depths.reshape(-1, 5), strict=True))
+        total = 0.0
+        for weight, depth in rays:
+            for a in range(5):
+                total += weight[a].item() ** 2 / (3 * 5)
+                for b in range(5):
+                    total += (weight[a] * weight[b] * abs(depth[a] - depth[b]) / 2).item()
+        assert distortion_loss(w, depths, 0.0, 2.0).item() == pytest.approx(total / len(rays))
+
+    def test_least_on_one_surface(self):
+        depths = torch.tensor([0.25, 0.75, 1.25, 1.75])
+        spread, gathered = torch.tensor([0.5, 0.0, 0.0, 0.5]), torch.tensor([0.0, 1.0, 0.0, 0.0])
+        assert distortion_loss(gathered, depths, 0.0, 2.0) < distortion_loss(spread, depths, 0.0, 2.0)
+        assert distortion_loss(gathered, depths, 0.0, 2.0).item() == pytest.approx(1 / 12)
+
+
+class TestRegularisers:
+    def test_depth_range_by_hand(self):
+        depths = torch.tensor([[-0.5, 0.0, 1.0], [2.0, 3.0, 0.5]])
+        assert depth_range_loss(depths, 0.0, 2.0).item() == pytest.approx((0.25 + 1) / 6)
+
+    def test_scene_flow_by_hand(self):
+        acceleration = torch.tensor([[[1.0, -2.0, 0.0], [0.0, 0.0, 0.5]]])[None]
+        assert scene_flow_loss(acceleration).item() == pytest.approx((3 + 0.5) / 2)
+
+    def test_scene_flow_of_no_points_is_zero(self):
+        assert scene_flow_loss(torch.zeros(2, 0, 4, 3)).item() == 0
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_preset_names_every_loss(preset: str):
+    assert set(load(preset).loss) == set(LOSSES)
+
+
+def test_an_unknown_loss_is_named():
+    check_names({"flow_fused": 1.0})
+    with pytest.raises(ConfigError, match=r"loss\.flow_fussed is not a loss; .*flow_fused"):
+        check_names({"flow_fussed": 1.0})
+
+
+GUIDED = {"flow_dynamic", "flow_static", "photometric_dynamic", "photometric_static", "feature", "segmentation"}
+
+
+class TestGuidance:
+    """Which losses look at the motion mask, and at which points."""
+
+    @staticmethod
+    def values(moving: float, masked: float) -> dict[str, float]:
+        """Every loss of an unfitted model, where the mask is the same at all points."""
+        model = tiny_model("cpu")
+        generator = torch.Generator().manual_seed(0)
+        shape = (2, 6)
+        xy = 20 * torch.rand(*shape, 2, generator=generator)
+        frame, target = torch.tensor([0, 3]), torch.tensor([1, 4])
+        batch = Batch(
+            frame=frame,
+            target_frame=target,
+            point=torch.zeros(shape, dtype=torch.int64),
+            xy=xy,
+            target_xy=xy + 3,
+            confidence=torch.ones(shape),
+            rgb=torch.rand(*shape, 3, generator=generator),
+            feature=torch.rand(*shape, 3, generator=generator),
+            moving=torch.full(shape, moving),
+            masked=torch.full(shape, masked),
+        )
+        prediction = model.predict(xy, frame, target, generator)
+        return {name: loss(prediction, batch).item() for name, loss in LOSSES.items()}
+
+    def test_what_moves_is_the_dynamic_volume_s(self):
+        values = self.values(moving=1.0, masked=1.0)
+        assert {name for name in GUIDED if not values[name]} == {"flow_static", "photometric_static"}
+
+    def test_what_stands_still_is_the_static_volume_s(self):
+        values = self.values(moving=0.0, masked=1.0)
+        assert {name for name in GUIDED if not values[name]} == {"flow_dynamic", "photometric_dynamic", "feature"}
+
+    def test_without_a_mask_the_fused_losses_decide_alone(self):
+        values = self.values(moving=0.0, masked=0.0)
+        assert {name for name in LOSSES if name.startswith(tuple(GUIDED)) and values[name]} == set()
+        assert values["flow_fused"] > 0
+        assert values["photometric_fused"] > 0

@@ -1,0 +1,125 @@
+"""Answers: where queries are in other frames, for models whose motion is known."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from decomotion.model.fusion import DecoMotion
+from decomotion.model.readout import Answer, answer
+from tiny_fit import randomised, tiny_model
+
+FRAMES = 5
+
+both_presets = pytest.mark.parametrize("preset", ["cpu", "paper"])
+
+
+def ask(model: DecoMotion, queries: Tensor, frames: Tensor) -> Answer:
+    """The answer to `queries`, rows of (t, x, y)."""
+    conditioning = model.condition(torch.arange(model.num_frames))
+    frame, xy = queries[:, 0].long(), queries[:, 1:]
+    with torch.no_grad():
+        return answer(model, conditioning, model.cast(xy[:, None], conditioning, frame), xy, frame, frames)
+
+
+def owned_by(model: DecoMotion, *, static: bool) -> DecoMotion:
+    """The model with one volume alone, whose transform is no more than the affine map it starts with."""
+    with torch.no_grad():
+        model.static.head.weight[4] = 0
+        model.static.head.bias[4] = 50.0 if static else -50.0
+        for volume in (model.static, model.dynamic):
+            for layer in volume.couplings:
+                output = getattr(layer.conditioner, "output", None)  # a grid conditioner starts as the identity
+                if output is not None:
+                    output.weight.zero_()
+    return model
+
+
+def camera_maps() -> Tensor:
+    """A zoom, a turn and a pan, growing from frame to frame."""
+    start = torch.eye(3, 4).repeat(FRAMES, 1, 1)
+    for frame in range(FRAMES):
+        turn = torch.tensor(0.03 * frame)
+        rotation = torch.tensor([[turn.cos(), -turn.sin()], [turn.sin(), turn.cos()]])
+        start[frame, :2, :2] = (1 + 0.02 * frame) * rotation
+        start[frame, :2, 3] = torch.tensor([0.04, -0.02]) * frame
+    return start
+
+
+QUERIES = torch.tensor([[0.0, 15.0, 12.0], [4.0, 8.0, 5.0], [2.0, 31.0, 23.0], [2.0, 0.0, 0.0]])
+
+
+@both_presets
+@pytest.mark.parametrize("static", [True, False])
+def test_one_volume_alone_gives_the_affine_answer(preset: str, static: bool):
+    start = camera_maps()
+    model = owned_by(tiny_model(preset, start=start), static=static)
+    given = ask(model, QUERIES, torch.arange(FRAMES))
+    for row, (t, *xy) in enumerate(QUERIES.tolist()):
+        seen = model.plane.normalise(torch.tensor(xy))
+        scene = start[int(t), :2, :2] @ seen + start[int(t), :2, 3]
+        for frame in range(FRAMES):
+            there = torch.linalg.solve(start[frame, :2, :2], scene - start[frame, :2, 3])
+            expected = model.plane.to_pixels(there)
+            # float32
+            torch.testing.assert_close(given.xy[row, frame], expected, rtol=0, atol=1e-3)
+            inside = (expected > -0.4).all() and expected[0] < 31.4 and expected[1] < 23.4
+            if inside:
+                # at the image's border the target's ray is that of the nearest pixel centre: half a pixel away
+                assert given.occlusion[row, frame] < 0.51
+            outside = (expected < -0.6).any() or expected[0] > 31.6 or expected[1] > 23.6
+            if outside:
+                assert given.occlusion[row, frame] == 1
+
+
+def test_in_its_own_frame_a_query_is_where_it_was_and_visible():
+    model = randomised(tiny_model("cpu"), 0.05)
+    given = ask(model, QUERIES, torch.arange(FRAMES))
+    for row, (t, *xy) in enumerate(QUERIES.tolist()):
+        torch.testing.assert_close(given.xy[row, int(t)], torch.tensor(xy), rtol=0, atol=1e-3)
+        assert given.occlusion[row, int(t)] < 0.01
+
+
+@both_presets
+def test_frames_in_any_order_and_number(preset: str):
+    model = randomised(tiny_model(preset), 0.05)
+    everything = ask(model, QUERIES, torch.arange(FRAMES))
+    some = torch.tensor([3, 0, 3])
+    given = ask(model, QUERIES, some)
+    # float32; a hundredth of what parity allows
+    torch.testing.assert_close(given.xy, everything.xy[:, some], rtol=0, atol=1e-4)
+    torch.testing.assert_close(given.occlusion, everything.occlusion[:, some], rtol=0, atol=1e-4)
+
+
+@both_presets
+def test_one_query_s_answer_does_not_depend_on_the_others(preset: str):
+    model = randomised(tiny_model(preset), 0.05)
+    together = ask(model, QUERIES, torch.arange(FRAMES))
+    for row in range(len(QUERIES)):
+        alone = ask(model, QUERIES[row : row + 1], torch.arange(FRAMES))
+        torch.testing.assert_close(alone.xy[0], together.xy[row], rtol=0, atol=1e-4)
+        torch.testing.assert_close(alone.occlusion[0], together.occlusion[row], rtol=0, atol=1e-4)
+
+
+def test_scores_are_scores():
+    model = randomised(tiny_model("cpu"), 0.5)
+    score = ask(model, QUERIES, torch.arange(FRAMES)).occlusion
+    assert ((score >= 0) & (score <= 1)).all()
+
+
+def test_a_point_that_something_hides_is_occluded():
+    """A near dynamic wall stands before half of the scene in frame 1 alone; what it covers does not come back."""
+    scene = torch.eye(3, 4).repeat(2, 1, 1)
+    model = owned_by(tiny_model("cpu", frames=2, start=scene), static=True)
+    wall = torch.eye(3, 4).repeat(2, 1, 1)
+    wall[0, 0, 3], wall[1, 0, 3] = 1.5, 0.0  # in frame 0 the wall's part of canonical space is out of view
+    model.dynamic.affine.start.copy_(wall)
+
+    def confidence(points: Tensor) -> Tensor:
+        return torch.ones(points.shape[:-1])
+
+    del confidence
+    with torch.no_grad():
+        given = ask(model, torch.tensor([[0.0, 15.0, 12.0]]), torch.tensor([1]))
+    assert given.occlusion[0, 0] < 0.01
