@@ -82,15 +82,16 @@ def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
     return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts], path.name
 
 
-def _images_in(folder: Path) -> list[Path]:
+def images_in(folder: Path) -> list[Path]:
+    """The .jpg and .png files of a folder in natural order."""
     visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
     return sorted((file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
 
 
 def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
-    files = _images_in(folder)
+    files = images_in(folder)
     if not files and (folder / "color").is_dir():
-        files = _images_in(folder / "color")
+        files = images_in(folder / "color")
     if not files:
         raise ClipError(f"{folder} holds no frames; put .jpg or .png files there, or in {folder / 'color'}")
     frames = []

@@ -283,7 +283,7 @@ def parse(tree: Any, source: str) -> Config:
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
-        first = error.errors()[0]
+        first = max(error.errors(), key=lambda each: len(each["loc"]))  # of a union, the form that was meant
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"{source}: {key}: {first['msg'].lower()}; see decomotion/config.py for the keys") from error
 

@@ -104,6 +104,10 @@ def choose_device(name: str) -> str:
     """The device that `name` means; `auto` is CUDA where there is one."""
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.device(name)
+    except RuntimeError as error:
+        raise ConfigError(f"--device {name} is not a device that torch knows; use auto, cpu or cuda") from error
     if name.startswith("cuda") and not torch.cuda.is_available():
         raise ConfigError("--device cuda was asked for but torch sees no CUDA device; use --device cpu or auto")
     return name
@@ -188,6 +192,7 @@ class Run:
         begin -= self.elapsed
         if not self.step:
             self.prepared = self.elapsed = time.monotonic() - begin
+            self.save()  # from here on --resume finds this run, not a former one in the same folder
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.step)
         saved = shown = time.monotonic()
         pictures = int(self.progress * self.config.log.previews)

@@ -144,7 +144,7 @@ def tiny_model(
     torch.manual_seed(0)
     config = load(preset, overrides=TINY_PRESETS[preset]).model
     start = torch.eye(3, 4).repeat(frames, 1, 1) if start is None else start
-    return DecoMotion(config, ImagePlane(height, width), (start, start), feature_size)
+    return DecoMotion(config, ImagePlane(height, width), (start, start.clone()), feature_size)
 
 
 def randomised(module: Module, scale: float = 0.2, seed: int = 0) -> Module:

@@ -11,21 +11,17 @@ FEATURE_SIDE = 256
 """Frames are brought to this longer side before features are computed."""
 
 
-def dense_sift(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """kornia's dense SIFT, [frame, h, w, 128], unit norm, on frames reduced to `FEATURE_SIDE`."""
+def dense_sift(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """kornia's dense SIFT of one frame [H, W, 3], reduced to `FEATURE_SIDE` first: [h, w, 128], unit norm."""
     from kornia.feature import DenseSIFTDescriptor
 
-    height, width = frames.shape[1:3]
+    height, width = frame.shape[:2]
     shrink = min(1.0, FEATURE_SIDE / max(height, width))
     size = (round(width * shrink), round(height * shrink))
-    describe = DenseSIFTDescriptor()
-    maps = []
-    for frame in frames:
-        grey = cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
-        with torch.inference_mode():
-            described = describe(torch.from_numpy(grey).float()[None, None] / 255)
-        maps.append(described[0, :, : size[1], : size[0]].permute(1, 2, 0).numpy())
-    return np.stack(maps)
+    grey = cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    with torch.inference_mode():
+        described = DenseSIFTDescriptor()(torch.from_numpy(grey).float()[None, None] / 255)
+    return described[0, :, : size[1], : size[0]].permute(1, 2, 0).numpy()
 
 
 def reduce_features(features: npt.NDArray[np.float32], size: int) -> npt.NDArray[np.float32]:

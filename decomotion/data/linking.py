@@ -83,13 +83,14 @@ def link(
     order = range(frames) if step > 0 else range(frames - 1, -1, -1)
     reached: dict[int, _State] = {}
     for target in order:
-        count = 0
         best = None
         for gap in sorted(intervals):
             origin = target - gap * step
-            if origin not in reached:
+            if origin not in reached or gap > max_gap:
                 continue
-            best = _better(best, _hop(reached[origin], field(origin, target), field(target, origin), cycle_threshold))
+            start = reached[origin]
+            start = start.keep(np.abs(start.sources - target) <= max_gap)
+            best = _better(best, _hop(start, field(origin, target), field(target, origin), cycle_threshold))
         own = _State(
             np.array([target]),
             points[target][None].astype(np.float32),
@@ -97,9 +98,6 @@ def link(
             np.zeros((1, points.shape[1]), np.bool_),
         )
         if best is not None:
-            best = best.keep(np.abs(best.sources - target) <= max_gap)
-            count = len(best.sources)
-        if best is not None and count:
             yield Links(target, best.sources, best.xy, best.variance, best.occluded)
             own = best.joined(own)
         reached[target] = own

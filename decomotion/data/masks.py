@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.clip import images_in
 from decomotion.errors import SupervisionError
 
 Mask = npt.NDArray[np.bool_]
@@ -76,10 +76,7 @@ def read_masks(folder: Path, frames: int, height: int, width: int) -> Mask:
     """
     if not folder.is_dir():
         raise SupervisionError(f"mask folder {folder} does not exist; give a folder of images, 'auto' or 'none'")
-    files = sorted(
-        (file for file in folder.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg")),
-        key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)],
-    )
+    files = images_in(folder)
     if len(files) != frames:
         raise SupervisionError(f"mask folder {folder} has {len(files)} images but the clip has {frames} frames")
     masks = []

@@ -22,7 +22,7 @@ from decomotion.data import camera, linking, masks
 from decomotion.data.flow import DisFlow, FlowEstimator
 from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid, open_pool
 
-POOL_VERSION = 1
+POOL_VERSION = 2
 """Raised whenever the same clip and settings would give another pool."""
 
 CONFIDENT_VARIANCE = 1.0
@@ -192,20 +192,14 @@ def _features(clip: Clip, points: npt.NDArray[np.float32], config: DataConfig) -
         return np.zeros((*points.shape[:2], 0), np.float16)
     from decomotion.data.features import dense_sift, reduce_features
 
-    maps = reduce_features(dense_sift(clip.frames), config.feature_size)
-    shrink = np.array([maps.shape[2] / clip.width, maps.shape[1] / clip.height], np.float32)
-    where = (points + 0.5) * shrink - 0.5
+    # features are read at the points frame by frame: whole maps of 128 channels would fill the memory
+    read = [_read_map(dense_sift(frame), xy, clip) for frame, xy in zip(clip.frames, points, strict=True)]
+    return reduce_features(np.stack(read), config.feature_size).astype(np.float16)
+
+
+def _read_map(image: npt.NDArray[np.float32], xy: npt.NDArray[np.float32], clip: Clip) -> npt.NDArray[np.float32]:
+    """Values [point, c] of a map [h, w, c] that covers the clip's image, at `xy` in pixels of the clip."""
+    where = (xy + 0.5) * np.array([image.shape[1] / clip.width, image.shape[0] / clip.height], np.float32) - 0.5
     # cv2.remap takes at most 4 channels at a time
-    values = [
-        np.concatenate(
-            [
-                _at(np.ascontiguousarray(image[..., at : at + 4]), xy).reshape(len(xy), -1)
-                for at in range(0, image.shape[-1], 4)
-            ],
-            axis=-1,
-        )
-        for image, xy in zip(maps, where, strict=True)
-    ]
-    stacked = np.stack(values)
-    norm = np.linalg.norm(stacked, axis=-1, keepdims=True)
-    return (stacked / np.maximum(norm, 1e-6)).astype(np.float16)
+    parts = [np.ascontiguousarray(image[..., first : first + 4]) for first in range(0, image.shape[-1], 4)]
+    return np.concatenate([_at(part, where).reshape(len(where), -1) for part in parts], axis=-1)

@@ -1,0 +1,162 @@
+"""Linking: exact where the motion is simple, and found again behind an occluder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from decomotion.data.linking import HOP_VARIANCE, Field, FieldLookup, Links, cycle_error, link, outside, sample
+
+FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
+VELOCITY = np.array([1.5, -0.75], np.float32)
+THRESHOLD = 1.5
+
+both_ways = pytest.mark.parametrize("step", [1, -1])
+
+
+def constant_velocity(first: int, second: int) -> Field:
+    return np.broadcast_to((second - first) * VELOCITY, (HEIGHT, WIDTH, 2)).astype(np.float32)
+
+
+def points_in_the_middle() -> Field:
+    """Other points in each frame, far enough from the border to stay inside for the whole clip."""
+    random = np.random.default_rng(0)
+    return random.uniform((25, 20), (55, 40), (FRAMES, POINTS, 2)).astype(np.float32)
+
+
+def run(
+    points: Field, field: FieldLookup, step: int, intervals: tuple[int, ...] = (1, 2, 4), max_gap: int = 1000
+) -> dict[int, Links]:
+    return {links.target: links for links in link(points, field, intervals, THRESHOLD, max_gap, step)}
+
+
+@both_ways
+@pytest.mark.parametrize("intervals", [(1,), (1, 2, 4), (4, 1, 2), (1, 3)])
+def test_constant_velocity_is_exact(step: int, intervals: tuple[int, ...]):
+    points = points_in_the_middle()
+    linked = run(points, constant_velocity, step, intervals)
+    assert set(linked) == set(range(1, FRAMES) if step > 0 else range(FRAMES - 1))
+    for target, links in linked.items():
+        assert set(links.sources) == set(range(target) if step > 0 else range(target + 1, FRAMES))
+        gap = (target - links.sources)[:, None, None]
+        # float32, over up to eight hops
+        np.testing.assert_allclose(links.xy, points[links.sources] + gap * VELOCITY, atol=1e-4)
+        assert not links.occluded.any()
+
+
+@both_ways
+def test_as_few_hops_as_there_are_intervals_for(step: int):
+    for target, links in run(points_in_the_middle(), constant_velocity, step).items():
+        hops = [bin(gap % 4).count("1") + gap // 4 for gap in np.abs(target - links.sources).tolist()]
+        expected = np.broadcast_to(HOP_VARIANCE * np.array(hops)[:, None], links.variance.shape)
+        np.testing.assert_allclose(links.variance, expected, rtol=1e-4)
+
+
+@both_ways
+@pytest.mark.parametrize("max_gap", [1, 3, 5])
+def test_not_beyond_the_longest_gap(step: int, max_gap: int):
+    points = points_in_the_middle()
+
+    def field(first: int, second: int) -> Field:
+        assert abs(first - second) <= max_gap, "flow at longer gaps is not computed"
+        return constant_velocity(first, second)
+
+    for target, links in run(points, field, step, max_gap=max_gap).items():
+        behind = [source for source in range(FRAMES) if 0 < (target - source) * step <= max_gap]
+        assert set(links.sources) == set(behind)
+        gap = (target - links.sources)[:, None, None]
+        np.testing.assert_allclose(links.xy, points[links.sources] + gap * VELOCITY, atol=1e-4)
+
+
+@both_ways
+def test_a_turning_and_growing_image(step: int):
+    """Fields linear in x and y are read exactly between pixels too."""
+    centre = np.array([40.0, 30.0])
+    turn = np.array([[1.01, -0.02], [0.02, 1.01]])
+
+    def carried(xy: Field, gap: int) -> Field:
+        return ((xy - centre) @ np.linalg.matrix_power(turn, gap).T + centre).astype(np.float32)
+
+    grid = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)
+    points = points_in_the_middle()
+    for target, links in run(points, lambda first, second: carried(grid, second - first) - grid, step).items():
+        for row, source in enumerate(links.sources):
+            # OpenCV reads fields at thirty-seconds of a pixel; these change by at most 0.1 a pixel
+            np.testing.assert_allclose(links.xy[row], carried(points[source], target - source), atol=0.02)
+
+
+def hidden_in(frame: int) -> Callable[[int, int], Field]:
+    """Flow to and from one frame is wrong, and its two ways contradict each other."""
+
+    def field(first: int, second: int) -> Field:
+        right = constant_velocity(first, second)
+        if second == frame:
+            return right + np.array([6, 0], np.float32)
+        return right + np.array([0, 9], np.float32) if first == frame else right
+
+    return field
+
+
+@both_ways
+def test_behind_an_occluder_a_point_is_found_again_by_a_longer_hop(step: int):
+    points = points_in_the_middle()
+    for target, links in run(points, hidden_in(4), step).items():
+        for row, source in enumerate(links.sources):
+            if target == 4 or source == 4:
+                assert links.occluded[row].all()
+            else:
+                assert not links.occluded[row].any()
+                expected = points[source] + (target - source) * VELOCITY
+                np.testing.assert_allclose(links.xy[row], expected, atol=1e-4)
+
+
+def test_without_a_longer_hop_it_stays_lost():
+    for target, links in run(points_in_the_middle(), hidden_in(4), 1, intervals=(1,)).items():
+        for row, source in enumerate(links.sources):
+            assert links.occluded[row].all() == (source <= 4 <= target)
+
+
+def test_a_point_that_leaves_the_image_is_flagged():
+    points = np.full((FRAMES, 1, 2), 20, np.float32)
+
+    def to_the_left(first: int, second: int) -> Field:
+        return np.broadcast_to(np.float32([-6 * (second - first), 0]), (HEIGHT, WIDTH, 2)).astype(np.float32)
+
+    for target, links in run(points, to_the_left, 1).items():
+        for row, source in enumerate(links.sources):
+            x = 20 - 6 * (target - source)
+            assert links.occluded[row].all() == (x < -0.5)
+            if x >= -0.5:
+                assert links.xy[row, 0, 0] == pytest.approx(x)
+
+
+def test_thresholds_are_in_pixels_of_a_256_pixel_frame():
+    """The same contradiction of 2 pixels of the raster is 6.4 units in an 80-pixel raster, 1 in a 512-pixel one."""
+
+    def contradicting(height: int, width: int) -> FieldLookup:
+        return lambda first, second: np.full((height, width, 2), (2, 0) if second > first else (0, 0), np.float32)
+
+    points = np.full((2, 1, 2), 30, np.float32)
+    small, large = (run(points, contradicting(60, width), 1)[1].occluded[0, 0] for width in (80, 512))
+    assert small
+    assert not large
+
+
+def test_cycle_error_by_hand():
+    forward, backward = np.float32([3, 4]), np.full((HEIGHT, WIDTH, 2), (-3, -2), np.float32)
+    xy = np.float32([[[10, 10], [20, 10]]])
+    np.testing.assert_allclose(cycle_error(xy, xy + forward, backward), [[2, 2]], atol=1e-5)
+
+
+def test_sample_is_bilinear_with_the_border_repeated():
+    field = np.float32([[[0, 1], [2, 3]], [[4, 5], [6, 7]]])
+    xy = np.float32([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]])
+    expected = [[[0, 1], [1, 2], [3, 4]], [[6, 7], [0, 1], [6, 7]]]
+    np.testing.assert_allclose(sample(field, xy), expected, atol=1e-6)
+
+
+def test_outside_begins_half_a_pixel_beyond_the_outermost_centres():
+    xy = np.float32([[0, 0], [-0.5, -0.5], [-0.6, 0], [79.5, 59.5], [79.6, 0], [0, 59.6], [0, -0.6]])
+    assert outside(xy, HEIGHT, WIDTH).tolist() == [False, False, True, False, True, True, True]
