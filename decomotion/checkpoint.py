@@ -72,20 +72,26 @@ def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
         raise CheckpointError(f"{path} does not exist; train first with decomo-train")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
-        version = content["format_version"]
-    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError, OSError) as error:
+        version = int(content["format_version"])
+        found = _rebuilt(content, str(path)) if version <= FORMAT_VERSION else None
+    except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, TypeError, ValueError, OSError) as error:
         raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
-    if version > FORMAT_VERSION:
+    if found is None:
         raise CheckpointError(
             f"{path} has format {version} but this decomotion reads up to {FORMAT_VERSION}; upgrade it"
         )
-    config = configuration.parse(content["config"], str(path))
+    found.model.to(device)
+    return found
+
+
+def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
+    config = configuration.parse(content["config"], source)
     clip = ClipFacts(**content["clip"])
     state = content["model"]
     starts = (state["static.affine.start"], state["dynamic.affine.start"])
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
-    return Checkpoint(config, clip, model.to(device), content["training"])
+    return Checkpoint(config, clip, model, content["training"])
 
 
 def latest_run(root: Path = Path("runs")) -> Path:

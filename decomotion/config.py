@@ -229,6 +229,8 @@ class OptimConfig(Leaf):
     """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)
     """Pairs whose graph is held in memory at once (gradients are accumulated; the mathematics is the same); 0: all."""
+    clip_norm: float = Field(gt=0)
+    """Norm to which the whole model's gradient is cut where it is larger."""
     autocast: Literal["none", "bf16"]
     """Precision of matrix products."""
 

@@ -246,6 +246,7 @@ class Run:
             values = self.accumulate(part, weights, share, depth_generator)
             for name, value in values.items():
                 totals[name] += share * value
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)
         self.optimiser.step()
         return totals
 

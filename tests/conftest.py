@@ -33,13 +33,23 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The run of a fit of 20 steps to the sliding square."""
-    from decomotion import config, fit
-    from tiny_fit import TINY_CPU, sliding_square
+def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sliding square as a folder of frames."""
+    from tiny_fit import sliding_square, write_frames
+
+    return write_frames(sliding_square(), tmp_path_factory.mktemp("clips") / "sliding")
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tiny_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run of `decomo-train`, 20 steps on the sliding square."""
+    from decomotion.cli import main
+    from tiny_fit import TINY_CPU
 
     out = tmp_path_factory.mktemp("runs") / "sliding"
-    return fit(sliding_square(), out, config=config.load("cpu", overrides=TINY_CPU), steps=20, progress=False)
+    settings = [part for override in TINY_CPU for part in ("--set", override)]
+    assert main([str(tiny_clip), "--preset", "cpu", "--steps", "20", "--out", str(out), *settings]) == 0
+    return out
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

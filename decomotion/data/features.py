@@ -6,9 +6,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
+import torch.nn.functional as F
 
 FEATURE_SIDE = 256
 """Frames are brought to this longer side before features are computed."""
+PADDING = 6
+"""Pixels of zeros around the frame's gradients, so that there is a descriptor at every pixel."""
 
 
 def dense_sift(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
@@ -20,8 +23,12 @@ def dense_sift(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
     size = (round(width * shrink), round(height * shrink))
     grey = cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     with torch.inference_mode():
-        described = DenseSIFTDescriptor()(torch.from_numpy(grey).float()[None, None] / 255)
-    return described[0, :, : size[1], : size[0]].permute(1, 2, 0).numpy()
+        described = DenseSIFTDescriptor(padding=PADDING)(torch.from_numpy(grey).float()[None, None] / 255)
+        # kornia's raster is centred on the frame's and larger: by one pixel here, with half a pixel on each side
+        if (described.shape[-1] - size[0]) % 2:
+            described = F.normalize(F.avg_pool2d(described, 2, stride=1), dim=1)
+    margin = (described.shape[-1] - size[0]) // 2
+    return described[0, :, margin : margin + size[1], margin : margin + size[0]].permute(1, 2, 0).numpy()
 
 
 def reduce_features(features: npt.NDArray[np.float32], size: int) -> npt.NDArray[np.float32]:

@@ -22,7 +22,7 @@ from decomotion.data import camera, linking, masks
 from decomotion.data.flow import DisFlow, FlowEstimator
 from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid, open_pool
 
-POOL_VERSION = 2
+POOL_VERSION = 3
 """Raised whenever the same clip and settings would give another pool."""
 
 CONFIDENT_VARIANCE = 1.0

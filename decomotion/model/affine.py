@@ -29,6 +29,7 @@ class AffineTransform(nn.Module):
     def __init__(self, code_size: int, hidden: int, start: Float[Tensor, "frame 3 4"]) -> None:
         super().__init__()
         self.register_buffer("start", start)
+        self.hidden = hidden
         self.correction = nn.Sequential(nn.Linear(code_size, hidden), nn.ReLU(), nn.Linear(hidden, 12))
         last = self.correction[2]
         assert isinstance(last, nn.Linear)
@@ -37,7 +38,8 @@ class AffineTransform(nn.Module):
 
     def condition(self, code: Float[Tensor, "all code"]) -> Float[Tensor, "all 3 8"]:
         """For every frame of the clip `(A | b | A^-1 | -A^-1 b)`, each map ready to apply."""
-        forward = self.start + self.correction(code).unflatten(-1, (3, 4))
+        # a step of Adam moves every weight of the last layer: divided, the sum moves as far as one of them
+        forward = self.start + (self.correction(code) / self.hidden).unflatten(-1, (3, 4))
         matrix, offset = forward[..., :3], forward[..., 3:]
         inverse = inverse_3x3(matrix)
         return torch.cat([matrix, offset, inverse, -inverse @ offset], dim=-1)

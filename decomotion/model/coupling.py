@@ -25,6 +25,9 @@ from torch import Tensor, nn
 from decomotion.config import GridConditionerConfig, MlpConditionerConfig
 
 LOG_SCALE_LIMIT = 8.0
+"""Bound of an MLP's log-scale, as in OmniMotion."""
+GRID_LOG_SCALE_LIMIT = 0.5
+"""Bound of a grid's log-scale, approached smoothly: without it, a layer and its neighbours can run away together."""
 
 
 def build_conditioner(
@@ -183,7 +186,7 @@ class GridConditioner(nn.Module):
             values = F.grid_sample(
                 conditioning, where[:, :, None], mode="bilinear", padding_mode="border", align_corners=True
             )[..., 0]
-            return values[:, 0].clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), values[:, 1]
+            return _bounded(values[:, 0]), values[:, 1]
         return self._look_up_each(where, conditioning, frame)
 
     def _look_up_each(
@@ -205,7 +208,11 @@ class GridConditioner(nn.Module):
             padding_mode="border",
             align_corners=True,
         )[0]
-        return values[0].clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), values[1]
+        return _bounded(values[0]), values[1]
+
+
+def _bounded(log_scale: Float[Tensor, "batch point"]) -> Float[Tensor, "batch point"]:
+    return GRID_LOG_SCALE_LIMIT * torch.tanh(log_scale / GRID_LOG_SCALE_LIMIT)
 
 
 def grid_size(half: Float[Tensor, "2"], cells: int) -> tuple[int, int]:

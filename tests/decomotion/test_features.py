@@ -43,8 +43,21 @@ def test_a_blank_feature_stays_blank():
 
 @pytest.mark.parametrize(("height", "width"), [(33, 47), (40, 2 * FEATURE_SIDE)])
 def test_dense_sift(height: int, width: int):
-    frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3), dtype=np.uint8)
-    described = dense_sift(frames)
+    frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    described = dense_sift(frame)
     shrink = min(1, FEATURE_SIDE / width)
-    assert described.shape == (2, round(height * shrink), round(width * shrink), 128)
+    assert described.shape == (round(height * shrink), round(width * shrink), 128)
     np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
+
+
+@pytest.mark.parametrize("spot", [(20, 12), (44, 30), (33, 24)])
+@pytest.mark.parametrize("enlarged", [1, 4])
+def test_dense_sift_lies_where_the_image_does(spot: tuple[int, int], enlarged: int):
+    """The descriptors that see a dot in a blank frame are centred on the dot."""
+    small = np.zeros((48, 64, 3), np.uint8)
+    small[spot[1], spot[0]] = 255
+    frame = np.kron(small, np.ones((enlarged, enlarged, 1), np.uint8))
+    described = dense_sift(frame)
+    y, x = np.argwhere(np.abs(described - described[0, 0]).max(axis=-1) > 0.01).mean(axis=0)
+    assert x == pytest.approx((spot[0] + 0.5) * enlarged - 0.5, abs=0.5)
+    assert y == pytest.approx((spot[1] + 0.5) * enlarged - 0.5, abs=0.5)

@@ -1,0 +1,143 @@
+"""Batches: what is drawn, from where, and how often."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from decomotion.config import OptimConfig, load
+from decomotion.data.batch import Batch, Sampler
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
+
+FRAMES, POINTS = 6, 40
+
+
+def make_pool(**changes: Any) -> Pool:
+    """Arrays whose values say where they come from."""
+    frame, point = np.mgrid[:FRAMES, :POINTS].astype(np.float32)
+    source, target, there = np.mgrid[:FRAMES, :FRAMES, :POINTS].astype(np.float32)
+    arrays = {
+        "points": np.stack([frame, point], axis=-1),
+        "targets": np.stack([10 * source + target, there], axis=-1),
+        "confidence": (there + 100).astype(np.uint8),
+        "rgb": np.stack([frame, point, 0 * point], axis=-1).astype(np.uint8),
+        "feature": np.stack([point, frame], axis=-1).astype(np.float16),
+        "moving": (point % 2).astype(np.uint8),
+        "camera": np.zeros((FRAMES, 2, 3), np.float32),
+        "object": np.zeros((FRAMES, 2, 3), np.float32),
+    }
+    return Pool(**(arrays | changes))
+
+
+def config(**changes: Any) -> OptimConfig:
+    plain = {"pairs": 50, "points": 30, "hard_mining": 0.0, "count_maps": False}
+    return load("cpu").optim.model_copy(update=plain | changes)
+
+
+def draw(sampler: Sampler, longest_gap: int, seed: int = 0) -> Batch:
+    return sampler.draw(longest_gap, torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize("longest_gap", [1, 2, 5])
+def test_pairs_are_two_frames_of_the_clip_within_the_longest_gap(longest_gap: int):
+    batch = draw(Sampler(make_pool(), config(pairs=500)), longest_gap)
+    gap = (batch.target_frame - batch.frame).abs()
+    assert gap.min() >= 1
+    assert gap.max() == longest_gap
+    for frame in (batch.frame, batch.target_frame):
+        assert sorted(frame.unique().tolist()) == list(range(FRAMES))
+    assert (batch.target_frame > batch.frame).any()
+    assert (batch.target_frame < batch.frame).any()
+
+
+def test_a_clip_of_two_frames():
+    two = {name: value[:2] for name, value in vars(make_pool()).items()}
+    two |= {name: two[name][:, :2] for name in ("targets", "confidence")}
+    batch = draw(Sampler(Pool(**two), config()), 1)
+    assert (batch.frame + batch.target_frame == 1).all()
+
+
+def test_values_are_those_of_the_drawn_points():
+    batch = draw(Sampler(make_pool(), config()), 5)
+    frame = batch.frame[:, None].expand_as(batch.point).float()
+    point = batch.point.float()
+    assert torch.equal(batch.xy, torch.stack([frame, point], dim=-1))
+    there = 10 * frame + batch.target_frame[:, None]
+    assert torch.equal(batch.target_xy, torch.stack([there, point], dim=-1))
+    torch.testing.assert_close(batch.confidence, (point + 100) / 255)
+    torch.testing.assert_close(batch.rgb, torch.stack([frame, point, 0 * point], dim=-1) / 255)
+    assert torch.equal(batch.feature, torch.stack([point, frame], dim=-1))
+    assert torch.equal(batch.moving, point % 2)
+    assert batch.masked.all()
+
+
+def test_where_there_is_no_mask():
+    pool = make_pool(moving=np.full((FRAMES, POINTS), UNKNOWN_MOTION, np.uint8))
+    batch = draw(Sampler(pool, config()), 5)
+    assert not batch.masked.any()
+    assert not batch.moving.any()
+
+
+@pytest.mark.parametrize("changes", [{}, {"hard_mining": 0.5}, {"count_maps": True}])
+def test_the_generator_decides(changes: dict[str, Any]):
+    sampler = Sampler(make_pool(), config(**changes))
+    first, same, other = (draw(sampler, 5, seed) for seed in (1, 1, 2))
+    assert torch.equal(first.point, same.point)
+    assert torch.equal(first.target_frame, same.target_frame)
+    assert not torch.equal(first.point, other.point)
+
+
+def test_all_points_are_drawn_alike_without_hard_mining():
+    batch = draw(Sampler(make_pool(), config(pairs=2000)), 5)
+    share = batch.point.flatten().bincount(minlength=POINTS) / batch.point.numel()
+    # 60,000 draws: a standard deviation of 0.0006
+    torch.testing.assert_close(share, torch.full((POINTS,), 1 / POINTS), rtol=0, atol=0.003)
+
+
+def test_hard_points_are_drawn_more_often():
+    sampler = Sampler(make_pool(), config(pairs=1000, hard_mining=0.5))
+    sampler.errors[:, :4] = 50.0
+    share = (draw(sampler, 5).point < 4).float().mean()
+    # a tenth of the uniform half; in the other, wherever one of four rivals is hard: 1 - 0.9^4
+    assert share.item() == pytest.approx(0.5 * 0.1 + 0.5 * (1 - 0.9**4), abs=0.02)
+
+
+def test_points_that_are_linked_to_few_frames_are_drawn_more_often():
+    confidence = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
+    confidence[..., :20] = 0
+    confidence[np.arange(FRAMES), np.arange(FRAMES)] = 255
+    share = (draw(Sampler(make_pool(confidence=confidence), config(pairs=2000, count_maps=True)), 5).point < 20).float()
+    rare, common = 1 / np.sqrt(1 + 1), 1 / np.sqrt(FRAMES + 1)
+    assert share.mean().item() == pytest.approx(rare / (rare + common), abs=0.02)
+
+
+def test_errors_are_remembered_where_the_target_is_known():
+    sampler = Sampler(make_pool(), config())
+    batch = Batch(
+        frame=torch.tensor([2]),
+        target_frame=torch.tensor([3]),
+        point=torch.tensor([[5, 7]]),
+        xy=torch.zeros(1, 2, 2),
+        target_xy=torch.zeros(1, 2, 2),
+        confidence=torch.tensor([[0.3, 0.0]]),
+        rgb=torch.zeros(1, 2, 3),
+        feature=torch.zeros(1, 2, 2),
+        moving=torch.zeros(1, 2),
+        masked=torch.ones(1, 2),
+    )
+    sampler.note_errors(batch, torch.tensor([[9.0, 9.0]]))
+    assert sampler.errors[2, 5] == 5  # halfway from 1
+    assert sampler.errors[2, 7].item() == pytest.approx(0.9)  # unknown: slowly forgotten
+    sampler.errors[2, 5] = sampler.errors[2, 7] = 1
+    assert (sampler.errors == 1).all()
+
+
+def test_parts_of_a_batch():
+    batch = draw(Sampler(make_pool(), config()), 5)
+    part = batch.pairs(10, 13)
+    assert torch.equal(part.frame, batch.frame[10:13])
+    assert torch.equal(part.target_xy, batch.target_xy[10:13])
+    assert len(batch.pairs(48, 60).frame) == 2

@@ -1,0 +1,179 @@
+"""Checkpoints: models come back exactly, and what is no checkpoint is refused in one sentence."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from decomotion import checkpoint
+from decomotion.checkpoint import FILE_NAME, ClipFacts, latest_run, load, save
+from decomotion.config import load as load_config
+from decomotion.errors import CheckpointError
+from decomotion.model.fusion import DecoMotion
+from tiny_fit import TINY_PRESETS, randomised, sliding_square, tiny_model
+
+TRAINING = {"step": 7, "seed": 3, "errors": torch.arange(6.0)}
+
+
+@pytest.fixture(params=["cpu", "paper"])
+def model(request: pytest.FixtureRequest) -> DecoMotion:
+    start = torch.eye(3, 4).repeat(8, 1, 1)
+    start[:, 0, 3] = torch.arange(8)
+    return randomised(tiny_model(request.param, frames=8, height=32, width=32, start=start))
+
+
+@pytest.fixture
+def path(model: DecoMotion, tmp_path: Path) -> Path:
+    preset = "cpu" if model.config.static.field.kind == "grid" else "paper"
+    config = load_config(preset, overrides=TINY_PRESETS[preset])
+    path = tmp_path / "run" / FILE_NAME
+    save(path, config, ClipFacts.of(sliding_square()), model, TRAINING)
+    return path
+
+
+def test_the_model_is_rebuilt_exactly(path: Path, model: DecoMotion):
+    loaded = load(path)
+    assert loaded.config.model == model.config
+    assert loaded.model.plane == model.plane
+    state, expected = loaded.model.state_dict(), model.state_dict()
+    assert state.keys() == expected.keys()
+    assert all(torch.equal(state[name], expected[name]) for name in expected)
+
+
+def test_the_rebuilt_model_says_the_same(path: Path, model: DecoMotion):
+    """Buffers that are not saved, such as the grids' extent, follow from what is."""
+    rebuilt = load(path).model
+    xy, frame = torch.tensor([[[3.0, 4.0], [20.0, 9.0]]]), torch.tensor([5])
+    first, second = (each.cast(xy, each.condition(frame)) for each in (model, rebuilt))
+    assert torch.equal(first.dynamic_canonical, second.dynamic_canonical)
+    assert torch.equal(first.fused_colour(), second.fused_colour())
+
+
+def test_facts_and_training_come_back(path: Path):
+    loaded = load(path)
+    clip = sliding_square()
+    assert loaded.clip == ClipFacts("sliding", clip.digest(), 8, 32, 32, 24.0)
+    assert (loaded.training["step"], loaded.training["seed"]) == (7, 3)
+    assert torch.equal(loaded.training["errors"], TRAINING["errors"])
+
+
+def test_no_code_is_in_it(path: Path):
+    torch.load(path, weights_only=True)
+
+
+def test_missing(tmp_path: Path):
+    with pytest.raises(CheckpointError, match=r"checkpoint\.pt does not exist; train first"):
+        load(tmp_path / FILE_NAME)
+
+
+def cut(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [cut, lambda content: b"", lambda content: b"no checkpoint", lambda content: content[200:]],
+    ids=["cut", "empty", "text", "headless"],
+)
+def test_damaged(path: Path, damage: Callable[[bytes], bytes]):
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(CheckpointError, match=r"is not a decomotion checkpoint, or is damaged"):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"state_dict": {}},
+        [1, 2],
+        torch.zeros(3),
+        {"format_version": 1},
+        {"format_version": "new", "config": {}},
+        {"format_version": 1, "config": {}, "clip": {"name": "goat"}},
+    ],
+    ids=["another dict", "list", "tensor", "nothing else", "version of text", "other facts"],
+)
+def test_foreign(tmp_path: Path, content: object):
+    torch.save(content, tmp_path / FILE_NAME)
+    with pytest.raises(CheckpointError, match="is not a decomotion checkpoint, or is damaged"):
+        load(tmp_path / FILE_NAME)
+
+
+def test_another_zip(tmp_path: Path):
+    with zipfile.ZipFile(tmp_path / FILE_NAME, "w") as archive:
+        archive.writestr("readme", "hello")
+    with pytest.raises(CheckpointError, match="is not a decomotion checkpoint"):
+        load(tmp_path / FILE_NAME)
+
+
+def change(path: Path, **changes: Any) -> None:
+    torch.save(torch.load(path, weights_only=True) | changes, path)
+
+
+def test_newer(path: Path):
+    change(path, format_version=checkpoint.FORMAT_VERSION + 1)
+    with pytest.raises(CheckpointError, match=r"has format 2 but this decomotion reads up to 1; upgrade it"):
+        load(path)
+
+
+def test_weights_of_another_size(path: Path):
+    model = torch.load(path, weights_only=True)["model"]
+    name = next(name for name in model if name.endswith("head.bias"))
+    change(path, model=model | {name: torch.zeros(99)})
+    with pytest.raises(CheckpointError, match="is not a decomotion checkpoint, or is damaged"):
+        load(path)
+
+
+class Bomb:
+    """Creates a file when it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, (str(self.mark),)
+
+
+@pytest.mark.parametrize(
+    "write", [torch.save, lambda content, path: path.write_bytes(pickle.dumps(content, protocol=2))], ids=["zip", "pickle"]
+)
+def test_code_is_refused_and_not_run(tmp_path: Path, write: Callable[[object, Path], object]):
+    write({"format_version": 1, "config": Bomb(tmp_path / "mark")}, tmp_path / FILE_NAME)
+    with pytest.raises(CheckpointError):
+        load(tmp_path / FILE_NAME)
+    assert not (tmp_path / "mark").exists()
+
+
+def test_a_failed_save_leaves_the_former_one(path: Path, model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
+    former = path.read_bytes()
+
+    def fail(content: object, file: Path) -> None:
+        Path(file).write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch, "save", fail)
+    with pytest.raises(KeyboardInterrupt):
+        save(path, load(path).config, ClipFacts.of(sliding_square()), model, {})
+    assert path.read_bytes() == former
+    assert [file.name for file in path.parent.iterdir()] == [FILE_NAME]
+
+
+class TestLatest:
+    def test_written_last(self, tmp_path: Path):
+        for age, name in enumerate(["b", "a", "c"]):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / FILE_NAME).touch()
+            os.utime(tmp_path / name / FILE_NAME, (1000 - age, 1000 - age))
+        (tmp_path / "empty").mkdir()
+        assert latest_run(tmp_path) == tmp_path / "b"
+
+    def test_none(self, tmp_path: Path):
+        with pytest.raises(CheckpointError, match="there is no run in .*; train first"):
+            latest_run(tmp_path)

@@ -1,0 +1,335 @@
+"""The fit: it learns, it stops when it should, and it goes on as if it had not stopped."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from decomotion import checkpoint, train
+from decomotion.config import Config, load, parse
+from decomotion.data.batch import Sampler
+from decomotion.data.pool import Pool
+from decomotion.data.prepare import prepare
+from decomotion.errors import CheckpointError, ConfigError, TrainingError
+from decomotion.losses import LOSSES
+from decomotion.model.fusion import DecoMotion
+from decomotion.train import Budget, Run, choose_device, fit, start_maps
+from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
+
+CLIP = sliding_square()
+
+
+def tiny_config(preset: str = "cpu", *overrides: str) -> Config:
+    return load(preset, overrides=(*TINY_PRESETS[preset], *overrides))
+
+
+def model_of(run: Path) -> DecoMotion:
+    return checkpoint.load(run / checkpoint.FILE_NAME).model
+
+
+def flow_error(model: DecoMotion, pool: Pool) -> float:
+    """Median distance in pixels of the fused position from the confident targets of one fixed batch."""
+    batch = Sampler(pool, load("cpu").optim).draw(FRAMES - 1, torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        prediction = model.predict(batch.xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(2))
+    distance = (prediction.fused_xy - batch.target_xy).norm(dim=-1)
+    return distance[batch.confidence > 0.5].median().item()
+
+
+class TestLearning:
+    def test_the_error_falls(self, tiny_run: Path, tmp_path: Path):
+        pool = prepare(CLIP, tiny_config().data, progress=False)
+        start = fit(CLIP, tmp_path / "start", config=tiny_config(), steps=1, progress=False)
+        before, after = flow_error(model_of(start), pool), flow_error(model_of(tiny_run), pool)
+        assert after < 0.9 * before
+
+    def test_the_error_falls_from_identity_maps_too(self, tmp_path: Path):
+        identity = tiny_config(
+            "cpu", "model.static.start=identity", "model.dynamic.start=identity", "optim.lr_transform=0.02"
+        )
+        pool = prepare(CLIP, identity.data, progress=False)
+        runs = [fit(CLIP, tmp_path / str(n), config=identity, steps=n, progress=False) for n in (1, 40)]
+        before, after = (flow_error(model_of(run), pool) for run in runs)
+        assert after < 0.7 * before
+
+    def test_what_a_run_leaves(self, tiny_run: Path):
+        assert {file.name for file in tiny_run.iterdir()} == {
+            "checkpoint.pt",
+            "config.yaml",
+            "tensorboard",
+            "previews",
+        }
+        assert (tiny_run / "previews" / "000020.png").is_file()
+        assert list((tiny_run / "tensorboard").glob("events.*"))
+        assert parse(yaml.safe_load((tiny_run / "config.yaml").read_text()), "config.yaml") == tiny_config()
+
+    def test_its_losses_are_logged_by_name(self, tiny_run: Path):
+        from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+        events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
+        assert set(events.Tags()["scalars"]) == {f"loss/{name}" for name in LOSSES}
+        assert [event.step for event in events.Scalars("loss/flow_fused")] == list(range(1, 21))
+
+    def test_the_paper_s_preset(self, tmp_path: Path):
+        config = tiny_config("paper")
+        run = fit(CLIP, tmp_path / "run", config=config, steps=2, progress=False)
+        loaded = checkpoint.load(run / checkpoint.FILE_NAME)
+        assert loaded.training["step"] == 2
+        assert loaded.config == config
+
+    def test_without_masks_and_in_mixed_precision(self, tmp_path: Path):
+        config = tiny_config("cpu", "data.masks=none", "optim.autocast=bf16")
+        fit(CLIP, tmp_path / "run", config=config, steps=2, progress=False)
+
+    def test_the_seed_decides(self, tmp_path: Path):
+        runs = [
+            fit(CLIP, tmp_path / str(index), config=tiny_config(), steps=2, seed=seed, progress=False)
+            for index, seed in enumerate((1, 1, 2))
+        ]
+        first, same, other = (model_of(run).state_dict() for run in runs)
+        assert all(torch.equal(first[name], same[name]) for name in first)
+        assert not torch.equal(first["static.head.weight"], other["static.head.weight"])
+
+    def test_an_unknown_loss_stops_before_any_work(self, tmp_path: Path):
+        config = tiny_config()
+        with pytest.raises(ConfigError, match=r"loss\.flow"):
+            fit(CLIP, tmp_path / "run", config=config.model_copy(update={"loss": {"flow": 1.0}}), progress=False)
+        assert not (tmp_path / "run").exists()
+
+
+class Interruption:
+    """Does something at the beginning of one step of every run."""
+
+    def __init__(self, step: int, act: Callable[[], object]) -> None:
+        self.step, self.act, self.optimise = step, act, Run.optimise
+
+    def install(self, patch: pytest.MonkeyPatch) -> None:
+        def optimise(run: Run, progress: float) -> dict[str, float]:
+            if run.step == self.step:
+                self.act()
+            return self.optimise(run, progress)
+
+        patch.setattr(Run, "optimise", optimise)
+
+
+def ctrl_c() -> None:
+    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler, "the run does not wait for Ctrl-C"
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+class Killed(BaseException):
+    """As sudden as kill -9: nobody handles it."""
+
+
+def killed() -> None:
+    raise Killed
+
+
+def assert_equal_bits(first: Path, second: Path) -> None:
+    one, two = (torch.load(run / checkpoint.FILE_NAME, weights_only=True) for run in (first, second))
+    assert one["model"].keys() == two["model"].keys()
+    different = [name for name in one["model"] if not torch.equal(one["model"][name], two["model"][name])]
+    assert different == []
+    assert torch.equal(one["training"]["errors"], two["training"]["errors"])
+    assert one["training"]["step"] == two["training"]["step"]
+    for state, other in zip(
+        one["training"]["optimiser"]["state"].values(), two["training"]["optimiser"]["state"].values(), strict=True
+    ):
+        assert all(torch.equal(state[key], other[key]) for key in state)
+
+
+class TestResume:
+    """Six steps without a break, and six with one after the third, end in the same bits."""
+
+    SETTINGS = ("optim.hard_mining=0.5", "optim.count_maps=true", "optim.micro_batch=2")
+
+    @pytest.fixture(params=["cpu", "paper"])
+    def config(self, request: pytest.FixtureRequest) -> Config:
+        return tiny_config(request.param, *self.SETTINGS)
+
+    @pytest.fixture
+    def straight(self, config: Config, tmp_path: Path) -> Path:
+        return fit(CLIP, tmp_path / "straight", config=config, steps=6, progress=False)
+
+    def test_after_ctrl_c(self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        former = signal.getsignal(signal.SIGINT)
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            Interruption(2, ctrl_c).install(patch)
+            fit(CLIP, tmp_path / "broken", config=config, steps=6, progress=False)
+        assert signal.getsignal(signal.SIGINT) is former
+        assert checkpoint.load(tmp_path / "broken" / checkpoint.FILE_NAME).training["step"] == 3
+        # neither the seed, the configuration nor the number of steps is said again
+        torch.rand(7)
+        assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
+
+    def test_after_a_kill(self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        always = config.model_copy(update={"log": config.log.model_copy(update={"checkpoint_seconds": 1e-9})})
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            Interruption(4, killed).install(patch)
+            fit(CLIP, tmp_path / "broken", config=always, steps=6, progress=False)
+        assert checkpoint.load(tmp_path / "broken" / checkpoint.FILE_NAME).training["step"] == 4
+        assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
+
+    def test_killed_before_the_first_step_of_a_new_run_in_an_old_folder(
+        self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        fit(CLIP, tmp_path / "broken", config=config, steps=2, seed=5, progress=False)
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            Interruption(0, killed).install(patch)
+            fit(CLIP, tmp_path / "broken", config=config, steps=6, progress=False)
+        assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
+
+
+def test_a_finished_run_resumed_stays_and_a_longer_one_goes_on(tmp_path: Path):
+    run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=2, progress=False)
+    before = model_of(run).state_dict()
+    fit(CLIP, run, resume=True, progress=False)
+    assert all(torch.equal(value, before[name]) for name, value in model_of(run).state_dict().items())
+    fit(CLIP, run, resume=True, steps=3, progress=False)
+    assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] == 3
+
+
+def test_another_clip_on_resume(tiny_run: Path):
+    with pytest.raises(CheckpointError, match=r"was fitted to another clip \(sliding, 8 frames of 32x32\)"):
+        fit(sliding_square(5), tiny_run, resume=True, progress=False)
+
+
+def test_nothing_to_resume(tmp_path: Path):
+    with pytest.raises(CheckpointError, match=r"checkpoint\.pt does not exist; train first"):
+        fit(CLIP, tmp_path / "run", resume=True, progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+class TestBudget:
+    def test_of_time(self, tmp_path: Path):
+        prepare(CLIP, tiny_config().data, progress=False)
+        begin = time.monotonic()
+        run = fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=2.0, progress=False)
+        # the end: one step, a checkpoint and a preview, on a machine that may be busy
+        assert 2 <= time.monotonic() - begin < 6
+        assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] > 2
+
+    def test_by_hand(self):
+        assert Budget(steps=8).progress(2, 99.0, 9.0) == 0.25
+        ten_minutes = Budget(steps=8, seconds=600.0)
+        assert ten_minutes.progress(0, 100.0, 100.0) == 0
+        assert ten_minutes.progress(5, 350.0, 100.0) == 0.5
+        assert ten_minutes.progress(5, 700.0, 100.0) == 1
+
+    def test_used_up_by_preparation_still_leaves_a_moment(self):
+        assert Budget(steps=8, seconds=5.0).progress(0, 7.0, 7.0) == 0
+        assert Budget(steps=8, seconds=5.0).progress(9, 8.0, 7.0) == 1
+
+
+class TestFailure:
+    @pytest.mark.parametrize("value", [float("nan"), float("inf")])
+    def test_a_loss_that_is_not_a_number(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, value: float):
+        sound = LOSSES["photometric_fused"]
+        monkeypatch.setitem(LOSSES, "photometric_fused", lambda p, b: sound(p, b) * self.after_two_calls(value))
+        self.calls = 0
+        with pytest.raises(TrainingError, match=r"loss photometric_fused is not a number at step 2; .*failed_batch\.pt"):
+            fit(CLIP, tmp_path / "run", config=tiny_config(), steps=6, progress=False)
+        batch = torch.load(tmp_path / "run" / "failed_batch.pt", weights_only=True)
+        assert batch["xy"].shape == (4, 32, 2)
+        assert all(value.isfinite().all() for value in model_of(tmp_path / "run").parameters())
+
+    def after_two_calls(self, value: float) -> float:
+        self.calls += 1
+        return value if self.calls > 2 else 1.0
+
+
+class TestDevice:
+    def test_auto(self, monkeypatch: pytest.MonkeyPatch):
+        for available, expected in ((True, "cuda"), (False, "cpu")):
+            monkeypatch.setattr(torch.cuda, "is_available", lambda available=available: available)
+            assert choose_device("auto") == expected
+
+    def test_absent(self, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+        for name in ("cuda", "cuda:1"):
+            with pytest.raises(ConfigError, match="torch sees no CUDA device; use --device cpu or auto"):
+                choose_device(name)
+
+    def test_unknown(self):
+        with pytest.raises(ConfigError, match="--device gpu is not a device that torch knows"):
+            choose_device("gpu")
+
+    @pytest.mark.gpu
+    def test_a_fit_on_the_gpu(self, tmp_path: Path):
+        run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=2, device="cuda", progress=False)
+        assert next(model_of(run).parameters()).device.type == "cpu"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    config = tiny_config("cpu", "optim.smooth_share=0.25")
+    return train._fresh(tmp_path / "run", CLIP, config, torch.device("cpu"), 0, False, False)
+
+
+def test_micro_batches_give_the_gradient_of_the_whole(run: Run):
+    """And the same losses: all are means over pairs of equal size."""
+    weights: dict[str, Any] = dict.fromkeys(LOSSES, 1.0)
+    with torch.no_grad():
+        for parameter in run.model.parameters():
+            parameter += 0.02 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(0))
+    batch = run.sampler.draw(4, torch.Generator().manual_seed(0))
+    results = []
+    for size in (4, 2, 1):
+        run.optimiser.zero_grad()
+        generator, totals = torch.Generator().manual_seed(3), dict.fromkeys(LOSSES, 0.0)
+        for first in range(0, 4, size):
+            values = run.accumulate(batch.pairs(first, first + size), weights, size / 4, generator)
+            totals = {name: total + size / 4 * values[name] for name, total in totals.items()}
+        results.append((totals, [p.grad.clone() for p in run.model.parameters() if p.grad is not None]))
+    (whole, gradient), *parts = results
+    for values, part in parts:
+        assert values == pytest.approx(whole, rel=1e-4)
+        for one, other in zip(gradient, part, strict=True):
+            # float32 sums in another order
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4 * float(one.abs().max()) + 1e-8)
+
+
+def test_every_parameter_has_one_learning_rate(run: Run):
+    names = {parameter: name for name, parameter in run.model.named_parameters()}
+    rates = {names[p]: group["base_lr"] for group in run.optimiser.param_groups for p in group["params"]}
+    assert rates.keys() == set(names.values())
+    optim = run.config.optim
+    assert rates["frame_code.codes"] == optim.lr_code
+    assert rates["static.affine.correction.0.weight"] == optim.lr_transform
+    assert rates["dynamic.couplings.1.conditioner.basis.0"] == optim.lr_transform
+    assert rates["static.field.network.0.weight"] == rates["feature_head.bias"] == optim.lr_field
+
+
+def test_a_loss_of_weight_zero_is_not_computed(run: Run, monkeypatch: pytest.MonkeyPatch):
+    def fail(*args: object) -> torch.Tensor:
+        raise AssertionError("computed")
+
+    monkeypatch.setitem(LOSSES, "distortion", fail)
+    batch = run.sampler.draw(4, torch.Generator().manual_seed(0))
+    values = run.accumulate(batch, {"flow_fused": 1.0, "distortion": 0.0}, 1.0, torch.Generator().manual_seed(0))
+    assert values.keys() == {"flow_fused"}
+
+
+def test_start_maps(run: Run):
+    pool = run.pool
+    assert torch.equal(start_maps("identity", pool), torch.eye(3, 4).repeat(FRAMES, 1, 1))
+    for kind in ("camera", "object"):
+        maps = start_maps(kind, pool)
+        np.testing.assert_array_equal(maps[:, :2][..., [0, 1, 3]], getattr(pool, kind))
+        assert maps[:, 2].tolist() == [[0, 0, 1, 0]] * FRAMES
+
+
+def test_defaults_are_the_cpu_preset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(train, "load_config", lambda preset: tiny_config(preset))
+    assert fit(CLIP, steps=1, progress=False) == Path("runs/sliding")

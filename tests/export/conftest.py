@@ -1,0 +1,43 @@
+"""Two exported models: one from a fit, one of the paper's networks with random weights."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import pytest
+
+from decomo_export import cli, export
+from decomotion import checkpoint
+from decomotion.checkpoint import FILE_NAME, ClipFacts
+from decomotion.config import load
+from tiny_export import Export
+from tiny_fit import FRAMES, SIZE, TINY_PAPER, randomised, sliding_square, tiny_model
+
+
+@pytest.fixture(scope="session")
+def fitted(tiny_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """`decomo-export` on the run of `decomo-train`."""
+    path = tmp_path_factory.mktemp("models") / "sliding.onnx"
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert cli.main([str(path), "--run", str(tiny_run)]) == 0
+    return Export(path, tiny_run, said.getvalue())
+
+
+@pytest.fixture(scope="session")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """A model with the paper's networks in the place of grids, its weights random, exported through Python."""
+    folder = tmp_path_factory.mktemp("paper")
+    model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE), 0.05)
+    config = load("paper", overrides=TINY_PAPER)
+    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {})
+    exported = export(folder / "model.onnx", folder)
+    return Export(exported.path, folder, "")
+
+
+@pytest.fixture(params=["fitted", "networks"])
+def exported(request: pytest.FixtureRequest) -> Export:
+    """Either of the two."""
+    return request.getfixturevalue(request.param)

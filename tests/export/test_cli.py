@@ -1,0 +1,130 @@
+"""`decomo-export`, and the whole way from frames to a score."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import decomo_eval.cli
+import decomo_runtime.cli
+from decomo_export import exporter
+from decomo_export.cli import main
+from decomo_export.errors import ExportError
+from decomo_export.parity import Parity
+from decomo_runtime import Tracker
+from decomotion import checkpoint
+from tiny_export import Export, random_queries
+from tiny_fit import FRAMES, sliding_square, write_truth
+
+
+def test_it_says_what_it_wrote_and_the_parity_it_measured(fitted: Export):
+    assert fitted.said.startswith(f"exported {fitted.path} (")
+    assert "MiB); largest difference from torch: " in fitted.said
+    assert " px in tracks, " in fitted.said
+
+
+def test_the_runtime_says_what_torch_says(exported: Export):
+    tracker = Tracker(exported.path, threads=1)
+    assert (tracker.clip_name, tracker.num_frames, tracker.height, tracker.width) == ("sliding", 8, 32, 32)
+    queries = random_queries(20)
+    queries[:, 1:] = queries[:, 1:].clip(0, 31)
+    xy, occlusion, *_ = exported.ask_torch(queries, np.arange(FRAMES))
+    tracks = tracker.track(queries)
+    np.testing.assert_allclose(tracks.xy, xy, rtol=0, atol=0.01)
+    np.testing.assert_allclose(tracks.occlusion, occlusion, rtol=0, atol=1e-3)
+    assert (tracks.occluded == (tracks.occlusion > 0.5)).all()
+
+
+def test_from_frames_to_a_score(fitted: Export, tiny_clip: Path, tmp_path: Path):
+    """`fitted` is the work of `decomo-train` and `decomo-export`; here `decomo-track` and `decomo-eval` go on."""
+    out, overlay = tmp_path / "tracks.npz", tmp_path / "overlay.mp4"
+    asked = ["--grid", "8@0", "--out", str(out), "--overlay", str(overlay), "--clip", str(tiny_clip)]
+    assert decomo_runtime.cli.main([str(fitted.path), *asked]) == 0
+    assert overlay.stat().st_size > 0
+    with np.load(out) as tracks:
+        count = len(tracks["queries"])
+        assert count >= 9
+        assert tracks["tracks"].shape == (count, FRAMES, 2)
+        assert np.isfinite(tracks["tracks"]).all()
+
+    dataset, report = write_truth(sliding_square(), tmp_path / "dataset.pkl"), tmp_path / "report.json"
+    asked = ["tapvid", str(dataset), "--models", str(fitted.path.parent), "--json", str(report)]
+    assert decomo_eval.cli.main(asked) == 0
+    metrics = json.loads(report.read_text())["videos"]["sliding"]
+    # twenty steps are no fit, but points are followed roughly: a pixel here is 8 of the raster's 256
+    assert metrics["pts_within_16"] > 0.5
+    assert 0 < metrics["average_jaccard"] <= 1
+
+
+def test_the_dataset_is_what_it_should_be(tmp_path: Path):
+    """Against the pixels: the colour along a true track does not change."""
+    clip = sliding_square()
+    record = pickle.loads(write_truth(clip, tmp_path / "dataset.pkl").read_bytes())["sliding"]
+    x, y = np.round(record["points"] * 32 - 0.5).astype(int).transpose(2, 0, 1)
+    colours = clip.frames[np.arange(FRAMES), y, x]
+    assert (colours == colours[:, :1]).all()
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+class TestRefused:
+    def refused(self, argv: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+        assert main(argv) == 2
+        assert list(Path.cwd().rglob("*.onnx")) == []
+        assert list(Path.cwd().rglob("*partial*")) == []
+        out, err = capsys.readouterr()
+        assert out == ""
+        return err
+
+    def test_no_run(self, elsewhere: Path, capsys: pytest.CaptureFixture[str]):
+        assert "there is no run in" in self.refused(["model.onnx"], capsys)
+        assert list(elsewhere.iterdir()) == []
+
+    def test_a_folder_that_is_no_run(self, elsewhere: Path, capsys: pytest.CaptureFixture[str]):
+        said = self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
+        assert "checkpoint.pt does not exist; train first" in said
+
+    def test_a_damaged_run(self, elsewhere: Path, capsys: pytest.CaptureFixture[str]):
+        (elsewhere / checkpoint.FILE_NAME).write_bytes(b"half")
+        assert "is damaged" in self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
+
+    def test_a_graph_that_differs(
+        self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ):
+        proto = networks.proto()
+        monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+        monkeypatch.setattr(exporter, "admit_empty", lambda proto: None)
+
+        def measure(*args: object) -> Parity:
+            raise ExportError("the exported graph differs from torch by 3 px; nothing was written")
+
+        monkeypatch.setattr(exporter, "measure", measure)
+        assert "differs from torch" in self.refused(["model.onnx", "--run", str(networks.run)], capsys)
+
+
+def test_without_a_run_it_is_the_most_recent(elsewhere: Path, networks: Export, monkeypatch: pytest.MonkeyPatch):
+    for age, name in enumerate(["new", "old"]):
+        (elsewhere / "runs" / name).mkdir(parents=True)
+        content = networks.run.joinpath(checkpoint.FILE_NAME).read_bytes()
+        (elsewhere / "runs" / name / checkpoint.FILE_NAME).write_bytes(content)
+        os.utime(elsewhere / "runs" / name / checkpoint.FILE_NAME, (1000 - age, 1000 - age))
+    loaded: list[Path] = []
+    load = checkpoint.load
+    monkeypatch.setattr(checkpoint, "load", lambda path: loaded.append(path) or load(path))
+    proto = networks.proto()
+    monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+    monkeypatch.setattr(exporter, "admit_empty", lambda proto: None)
+    assert main(["model.onnx"]) == 0
+    assert loaded == [Path("runs/new/checkpoint.pt")]
+    assert (elsewhere / "model.onnx").is_file()

@@ -1,0 +1,79 @@
+"""The file says what torch says, at every size and whatever else is asked in the same call."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from decomo_export import parity
+from decomo_export.errors import ExportError
+from decomo_runtime import contract
+from tiny_export import Export, random_queries
+
+SCORE_LIMIT = 1e-3
+"""Of occlusion, colours, confidence and depth: float32 through a few dozen layers."""
+
+
+@pytest.mark.parametrize(("queries", "frames"), [(1, 1), (2, 7), (3, 5), (61, 3), (5, 40)])
+def test_as_torch_says_at_sizes_other_than_traced(exported: Export, queries: int, frames: int):
+    asked = random_queries(queries), np.random.default_rng(1).integers(8, size=frames)
+    answers = zip(contract.OUTPUTS, exported.ask_torch(*asked), exported.ask_file(*asked), strict=True)
+    for name, expected, given in answers:
+        assert given.dtype == np.float32
+        limit = parity.LIMIT_PIXELS if name == contract.TRACKS else SCORE_LIMIT
+        np.testing.assert_allclose(given, expected, rtol=0, atol=limit, err_msg=name)
+
+
+@pytest.mark.parametrize(("queries", "frames"), [(0, 0), (0, 3), (3, 0), (0, 1), (1, 0)])
+def test_no_queries_and_no_frames(exported: Export, queries: int, frames: int):
+    answers = exported.ask_file(random_queries(queries), np.arange(frames))
+    expected = [(queries, frames, 2), (queries, frames), *[(queries, 3)] * 3, (queries,), (queries,)]
+    assert [answer.shape for answer in answers] == expected
+
+
+def test_one_query_s_answer_does_not_depend_on_the_others(exported: Export):
+    queries, frames = random_queries(9), np.arange(8)
+    together = exported.ask_file(queries, frames)
+    for row in range(9):
+        for answer, alone in zip(together, exported.ask_file(queries[row : row + 1], frames), strict=True):
+            # other sizes, other orders of summation
+            np.testing.assert_allclose(alone[0], answer[row], rtol=0, atol=1e-4)
+
+
+def test_one_frame_s_answer_does_not_depend_on_the_others(exported: Export):
+    queries = random_queries(5)
+    tracks, occlusion, *_ = exported.ask_file(queries, np.arange(8))
+    some = np.array([6, 0, 6])
+    tracks_of_some, occlusion_of_some, *_ = exported.ask_file(queries, some)
+    np.testing.assert_allclose(tracks_of_some, tracks[:, some], rtol=0, atol=1e-4)
+    np.testing.assert_allclose(occlusion_of_some, occlusion[:, some], rtol=0, atol=1e-4)
+
+
+def test_answers_are_in_range(exported: Export):
+    _, *scores, depth = exported.ask_file(random_queries(50), np.arange(8))
+    for score in scores:
+        assert (score >= 0).all()
+        assert (score <= 1 + 1e-5).all()
+    assert (depth >= 0).all()
+    assert (depth <= 2).all()
+
+
+def test_measured_parity_is_within_the_limit(exported: Export):
+    measured = parity.measure(exported.graph(), exported.path)
+    assert measured.pixels < parity.LIMIT_PIXELS
+    assert measured.score < SCORE_LIMIT
+
+
+def test_a_file_that_disagrees_is_refused(fitted: Export, networks: Export):
+    with pytest.raises(ExportError, match=r"differs from torch by .* px \(limit 0\.01\); nothing was written"):
+        parity.measure(fitted.graph(), networks.path)
+
+
+def test_not_a_number_is_a_difference(networks: Export):
+    graph = networks.graph()
+    with torch.no_grad():
+        for volume in (graph.model.static, graph.model.dynamic):
+            volume.head.bias.fill_(float("nan"))
+    with pytest.raises(ExportError, match="differs from torch by nan px"):
+        parity.measure(graph, networks.path)
