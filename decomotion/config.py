@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from decomotion.errors import ConfigError
 
@@ -52,7 +52,14 @@ class FlowConfig(Leaf):
     refinement_iterations: int = Field(ge=0)
     """DIS: variational refinement iterations."""
     intervals: tuple[int, ...]
-    """Frame gaps at which flow is computed directly, both ways; all longer ones are linked from these."""
+    """Frame gaps at which flow is computed directly, both ways; all longer ones are linked from these. 1 is needed."""
+
+    @field_validator("intervals")
+    @classmethod
+    def _steps_of_one(cls, intervals: tuple[int, ...]) -> tuple[int, ...]:
+        if 1 not in intervals or min(intervals) < 1:
+            raise ValueError("gaps must be positive and one of them 1, to reach every frame")
+        return intervals
 
 
 class PoolConfig(Leaf):

@@ -231,7 +231,7 @@ class Run:
         optim = self.config.optim
         generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
         batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
-        depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + self.step)
+        depth_generator = torch.Generator(self.device).manual_seed(((self.seed + 1) << 33) + self.step)
         weights = {name: value_at(weight, progress) for name, weight in self.config.loss.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
@@ -246,7 +246,9 @@ class Run:
             values = self.accumulate(part, weights, share, depth_generator)
             for name, value in values.items():
                 totals[name] += share * value
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)
+        if not norm.isfinite():  # before it poisons the weights
+            raise TrainingError(self._failure("the gradient", batch))
         self.optimiser.step()
         return totals
 
@@ -262,19 +264,19 @@ class Run:
         values = {name: float(loss.detach()) for name, loss in losses.items()}
         for name, value in values.items():
             if value != value or value in (float("inf"), float("-inf")):
-                raise TrainingError(self._failure(name, batch))
+                raise TrainingError(self._failure(f"loss {name}", batch))
         sum(share * weights[name] * loss for name, loss in losses.items()).backward()  # type: ignore[union-attr]
         with torch.no_grad():
             error = (prediction.fused_xy - near.target_xy).norm(dim=-1)
         self.sampler.note_errors(batch, error.cpu())
         return values
 
-    def _failure(self, name: str, batch: Batch) -> str:
+    def _failure(self, what: str, batch: Batch) -> str:
         path = self.folder / "failed_batch.pt"
         with replacing(path) as temporary:
             torch.save(batch.__dict__, temporary)
         return (
-            f"loss {name} is not a number at step {self.step}; the batch is in {path}; "
+            f"{what} is not a number at step {self.step}; the batch is in {path}; "
             "lower the learning rates (--set optim.lr_transform=…) or look at the clip's supervision"
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -25,17 +26,22 @@ class Export:
     run: Path
     said: str
 
+    @cached_property
     def graph(self) -> QueryGraph:
         """The same in torch."""
         return QueryGraph(checkpoint.load(self.run / checkpoint.FILE_NAME).model.eval()).eval()
 
+    @cached_property
+    def session(self) -> onnxruntime.InferenceSession:
+        """The opened file."""
+        return onnxruntime.InferenceSession(str(self.path), providers=["CPUExecutionProvider"])
+
     def ask_torch(self, queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]) -> list[npt.NDArray]:
         with torch.no_grad():
-            return [value.numpy() for value in self.graph()(torch.from_numpy(queries), torch.from_numpy(frames))]
+            return [value.numpy() for value in self.graph(torch.from_numpy(queries), torch.from_numpy(frames))]
 
     def ask_file(self, queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]) -> list[npt.NDArray]:
-        session = onnxruntime.InferenceSession(str(self.path), providers=["CPUExecutionProvider"])
-        answers = session.run(list(contract.OUTPUTS), {contract.QUERIES: queries, contract.FRAMES: frames})
+        answers = self.session.run(list(contract.OUTPUTS), {contract.QUERIES: queries, contract.FRAMES: frames})
         return [np.asarray(answer) for answer in answers]
 
     def proto(self) -> onnx.ModelProto:

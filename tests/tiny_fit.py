@@ -73,7 +73,7 @@ TINY_PRESETS = {"cpu": TINY_CPU, "paper": TINY_PAPER}
 
 
 def sliding_square(frames: int = FRAMES) -> Clip:
-    """A textured square that slides to the right over a textured scene that slides to the left, whole pixels a frame."""
+    """A textured square slides to the right over a textured scene that slides to the left, whole pixels a frame."""
     random = np.random.default_rng(0)
     scene = _texture(random, SIZE, SIZE + frames, grain=1.5)
     square = _texture(random, SQUARE, SQUARE, grain=1.0)
@@ -94,7 +94,7 @@ def _texture(random: np.random.Generator, height: int, width: int, grain: float)
 def on_square(xy: npt.NDArray, frame: npt.NDArray | int, margin: float = 0.0) -> npt.NDArray[np.bool_]:
     """Whether positions [..., 2] lie on the square, and at least `margin` pixels from its outline."""
     corner = SQUARE_START + np.asarray(frame)[..., None] * SQUARE_VELOCITY - 0.5
-    return ((xy > corner + margin) & (xy < corner + SQUARE - margin)).all(-1)
+    return np.asarray(((xy > corner + margin) & (xy < corner + SQUARE - margin)).all(-1))
 
 
 def true_target(xy: npt.NDArray, frame: npt.NDArray | int, target: npt.NDArray | int) -> npt.NDArray:

@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -24,6 +25,8 @@ from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid
 
 POOL_VERSION = 3
 """Raised whenever the same clip and settings would give another pool."""
+
+ABANDONED_SECONDS = 24 * 3600
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -47,8 +50,8 @@ def prepare(clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: 
     folder = cache_root() / _key(clip, config, given)
     if rebuild or not folder.is_dir():
         partial = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
-        for left in folder.parent.glob(f"{folder.name}.*.partial"):  # by a killed run
-            shutil.rmtree(left, ignore_errors=True)
+        _remove_abandoned(folder)
+        shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         try:
             _build(clip, config, given, partial, progress)
@@ -57,6 +60,13 @@ def prepare(clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: 
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     return open_pool(folder)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Removes what killed runs left of this entry a day ago or earlier: a younger one may still be at work."""
+    for partial in folder.parent.glob(f"{folder.name}.*.partial"):
+        if time.time() - partial.stat().st_mtime > ABANDONED_SECONDS:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 def _key(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None) -> str:

@@ -217,5 +217,5 @@ def _bounded(log_scale: Float[Tensor, "batch point"]) -> Float[Tensor, "batch po
 
 def grid_size(half: Float[Tensor, "2"], cells: int) -> tuple[int, int]:
     """Height and width of a grid over +-`half` with `cells` cells to two normalised units, the image's longer side."""
-    width, height = (int(torch.ceil(side * (cells / 2)).item()) + 1 for side in half)
+    width, height = (int(torch.ceil(side * cells).item()) + 1 for side in half)
     return height, width

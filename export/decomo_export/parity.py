@@ -54,7 +54,8 @@ def measure(graph: QueryGraph, path: Path) -> Parity:
         differences = [
             float(np.abs(np.asarray(got) - want).max(initial=0.0)) for got, want in zip(given, expected, strict=True)
         ]
-        pixels, score = max(pixels, differences[0]), max(score, *differences[1:])
+        pixels = float(np.maximum(pixels, differences[0]))  # unlike max(), it keeps what is not a number
+        score = float(np.max([score, *differences[1:]]))
     if not pixels < LIMIT_PIXELS:
         raise ExportError(
             f"the exported graph differs from torch by {pixels:.3g} px (limit {LIMIT_PIXELS}); nothing was written; "

@@ -53,6 +53,13 @@ def test_pairs_are_two_frames_of_the_clip_within_the_longest_gap(longest_gap: in
     assert (batch.target_frame < batch.frame).any()
 
 
+def test_at_the_clip_s_ends_a_pair_keeps_its_gap_and_turns_round():
+    batch = draw(Sampler(make_pool(), config(pairs=6000)), 5)
+    gap = (batch.target_frame - batch.frame)[batch.frame == 0]
+    # 1000 pairs: a standard deviation of 0.013
+    torch.testing.assert_close(gap.bincount()[1:] / len(gap), torch.full((5,), 0.2), rtol=0, atol=0.05)
+
+
 def test_a_clip_of_two_frames():
     two = {name: value[:2] for name, value in vars(make_pool()).items()}
     two |= {name: two[name][:, :2] for name in ("targets", "confidence")}

@@ -49,7 +49,8 @@ def test_a_chain_of_affine_maps_is_recovered(motion, outliers: float):
     for frame in range(FRAMES):
         to_middle = compose(invert(world[FRAMES // 2]), world[frame])
         # exact but for float32 correspondences, and for the outliers that happen to lie within RANSAC's threshold
-        np.testing.assert_allclose(apply(maps[frame], corners), apply(to_middle, corners), atol=0.3 if outliers else 1e-3)
+        tolerance = 0.3 if outliers else 1e-3
+        np.testing.assert_allclose(apply(maps[frame], corners), apply(to_middle, corners), atol=tolerance)
 
 
 def test_unusable_correspondences_are_not_looked_at():
@@ -70,7 +71,7 @@ def test_the_middle_frame_stays():
 
 def test_few_points_give_a_shift_and_none_nothing():
     source = np.random.default_rng(0).uniform(0, 50, (5, 2)).astype(np.float32)
-    target = source + np.float32([2, -3])
+    target = source + np.array([2, -3], np.float32)
     target[0] += 40
     fitted = fit_affine(source, target, UNIT)
     assert fitted is not None

@@ -142,7 +142,9 @@ class Bomb:
 
 
 @pytest.mark.parametrize(
-    "write", [torch.save, lambda content, path: path.write_bytes(pickle.dumps(content, protocol=2))], ids=["zip", "pickle"]
+    "write",
+    [torch.save, lambda content, path: path.write_bytes(pickle.dumps(content, protocol=2))],
+    ids=["zip", "pickle"],
 )
 def test_code_is_refused_and_not_run(tmp_path: Path, write: Callable[[object, Path], object]):
     write({"format_version": 1, "config": Bomb(tmp_path / "mark")}, tmp_path / FILE_NAME)
@@ -175,5 +177,5 @@ class TestLatest:
         assert latest_run(tmp_path) == tmp_path / "b"
 
     def test_none(self, tmp_path: Path):
-        with pytest.raises(CheckpointError, match="there is no run in .*; train first"):
+        with pytest.raises(CheckpointError, match=r"there is no run in .*; train first"):
             latest_run(tmp_path)

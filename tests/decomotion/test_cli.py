@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
+import click
 import pytest
 import torch
 
@@ -11,6 +14,7 @@ from decomotion import checkpoint
 from decomotion.cli import Duration, command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES
+from decomotion.train import Run
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
 SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]
@@ -83,11 +87,6 @@ def test_the_cpu_preset_has_a_budget_by_default(frames: Path, monkeypatch: pytes
 
 
 def test_ctrl_c_says_how_to_go_on(frames: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
-    import os
-    import signal
-
-    from decomotion.train import Run
-
     optimise = Run.optimise
 
     def interrupted(run: Run, progress: float) -> dict[str, float]:
@@ -156,9 +155,7 @@ class TestDuration:
 
     @pytest.mark.parametrize("text", ["", "soon", "-5m", "0s", "5 minutes", "1h30m", "1e3", "m"])
     def test_none(self, text: str):
-        import click
-
-        with pytest.raises(click.BadParameter, match="is not a duration; write for example 90s, 10m or 1.5h"):
+        with pytest.raises(click.BadParameter, match=r"is not a duration; write for example 90s, 10m or 1\.5h"):
             Duration().convert(text, None, None)
 
 

@@ -92,6 +92,8 @@ def test_an_override_leaves_the_rest():
         ("optim.decay=linear", "optim.decay: input should be 'cosine' or 'step'"),
         ("model.static.field.kind=mesh", "model.static.field: "),
         ("model.static.field.cells=3", "there is no key model.static.field.cells"),
+        ("data.flow.intervals=[2, 4]", "data.flow.intervals: value error, gaps must be positive and one of them 1"),
+        ("data.flow.intervals=[1, 0]", "data.flow.intervals: value error, gaps must be positive and one of them 1"),
         ("loss.distortion=much", "loss.distortion"),
         ("loss.distortion={value: 1, to: 0, begin: 0, end: 2}", "end: input should be less than or equal to 1"),
     ],

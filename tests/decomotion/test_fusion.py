@@ -140,7 +140,8 @@ def test_weights_of_a_ray_sum_to_at_most_one():
 
 def test_every_parameter_learns():
     model = randomised(tiny_model("cpu"), 0.05)
-    prediction = model.predict(random_pixels(4, 60), torch.tensor([0, 1, 2, 3]), torch.tensor([4, 3, 0, 2]), generator())
+    frame, target = torch.tensor([0, 1, 2, 3]), torch.tensor([4, 3, 0, 2])
+    prediction = model.predict(random_pixels(4, 60), frame, target, generator())
     total = sum((value * torch.randn(value.shape, generator=generator(1))).sum() for value in vars(prediction).values())
     assert isinstance(total, Tensor)
     total.backward()

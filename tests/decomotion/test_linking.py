@@ -112,6 +112,24 @@ def test_behind_an_occluder_a_point_is_found_again_by_a_longer_hop(step: int):
                 np.testing.assert_allclose(links.xy[row], expected, atol=1e-4)
 
 
+@both_ways
+def test_a_visible_way_is_preferred_to_a_better_one_through_a_hidden_place(step: int):
+    """Over two frames the short hops disagree by 1.4 units each, the long one, which leads elsewhere, by 1.6."""
+    unit = WIDTH / 256
+
+    def field(first: int, second: int) -> Field:
+        gap = abs(first - second)
+        astray = np.array([5 * (gap == 2) * np.sign(second - first), 0])
+        disagreement = np.array([(1.6 if gap == 2 else 1.4) * unit * ((second - first) * step < 0), 0])
+        return (constant_velocity(first, second) + astray + disagreement).astype(np.float32)
+
+    points = points_in_the_middle()[:3]
+    links = run(points, field, step, intervals=(1, 2))[2 if step > 0 else 0]
+    row = links.sources.tolist().index(0 if step > 0 else 2)
+    assert not links.occluded[row].any()
+    np.testing.assert_allclose(links.xy[row], points[0 if step > 0 else 2] + 2 * step * VELOCITY, atol=1e-4)
+
+
 def test_without_a_longer_hop_it_stays_lost():
     for target, links in run(points_in_the_middle(), hidden_in(4), 1, intervals=(1,)).items():
         for row, source in enumerate(links.sources):
@@ -122,7 +140,7 @@ def test_a_point_that_leaves_the_image_is_flagged():
     points = np.full((FRAMES, 1, 2), 20, np.float32)
 
     def to_the_left(first: int, second: int) -> Field:
-        return np.broadcast_to(np.float32([-6 * (second - first), 0]), (HEIGHT, WIDTH, 2)).astype(np.float32)
+        return np.broadcast_to(np.array([-6 * (second - first), 0], np.float32), (HEIGHT, WIDTH, 2)).astype(np.float32)
 
     for target, links in run(points, to_the_left, 1).items():
         for row, source in enumerate(links.sources):
@@ -145,18 +163,18 @@ def test_thresholds_are_in_pixels_of_a_256_pixel_frame():
 
 
 def test_cycle_error_by_hand():
-    forward, backward = np.float32([3, 4]), np.full((HEIGHT, WIDTH, 2), (-3, -2), np.float32)
-    xy = np.float32([[[10, 10], [20, 10]]])
+    forward, backward = np.array([3, 4], np.float32), np.full((HEIGHT, WIDTH, 2), (-3, -2), np.float32)
+    xy = np.array([[[10, 10], [20, 10]]], np.float32)
     np.testing.assert_allclose(cycle_error(xy, xy + forward, backward), [[2, 2]], atol=1e-5)
 
 
 def test_sample_is_bilinear_with_the_border_repeated():
-    field = np.float32([[[0, 1], [2, 3]], [[4, 5], [6, 7]]])
-    xy = np.float32([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]])
+    field = np.array([[[0, 1], [2, 3]], [[4, 5], [6, 7]]], np.float32)
+    xy = np.array([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]], np.float32)
     expected = [[[0, 1], [1, 2], [3, 4]], [[6, 7], [0, 1], [6, 7]]]
     np.testing.assert_allclose(sample(field, xy), expected, atol=1e-6)
 
 
 def test_outside_begins_half_a_pixel_beyond_the_outermost_centres():
-    xy = np.float32([[0, 0], [-0.5, -0.5], [-0.6, 0], [79.5, 59.5], [79.6, 0], [0, 59.6], [0, -0.6]])
+    xy = np.array([[0, 0], [-0.5, -0.5], [-0.6, 0], [79.5, 59.5], [79.6, 0], [0, 59.6], [0, -0.6]], np.float32)
     assert outside(xy, HEIGHT, WIDTH).tolist() == [False, False, True, False, True, True, True]

@@ -49,7 +49,8 @@ class TestFlow:
 
 class TestPhotometric:
     def test_by_hand(self):
-        rendered, rgb = pair_of_points([0.5, 0.0, 1.0], [0.0, 0.0, 0.0]), pair_of_points([0.0, 0.5, 1.0], [1.0, 1.0, 1.0])
+        rendered = pair_of_points([0.5, 0.0, 1.0], [0.0, 0.0, 0.0])
+        rgb = pair_of_points([0.0, 0.5, 1.0], [1.0, 1.0, 1.0])
         # squared distances 0.5 and 3
         assert photometric_loss(rendered, rgb, weights(1.0, 0.5)).item() == 1.0
         assert photometric_loss(rendered, rgb, weights(0.0, 0.0)).item() == 0.0
@@ -69,7 +70,8 @@ class TestSegmentation:
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_right_costs_nothing(self, moving: float):
         # confidences are kept 1e-4 from 0 and 1
-        assert segmentation_loss(weights(1 - moving), weights(moving), weights(1.0)).item() == pytest.approx(0, abs=2e-4)
+        loss = segmentation_loss(weights(1 - moving), weights(moving), weights(1.0)).item()
+        assert loss == pytest.approx(0, abs=2e-4)
 
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_wrong_costs_much_but_not_all(self, moving: float):

@@ -90,6 +90,16 @@ class TestContent:
         np.testing.assert_allclose(np.linalg.norm(pool.feature.astype(np.float32), axis=-1), 1, atol=5e-3)  # float16
 
 
+def test_maps_of_another_raster_are_read_where_the_clip_s_pixels_are():
+    """A map at half the clip's resolution, whose values are its own x and y: clip pixel 0 lies at -0.25 in it."""
+    clip = Clip("half", np.zeros((2, 16, 24, 3), np.uint8), 24.0)
+    y, x = np.mgrid[:8, :12].astype(np.float32)
+    image = np.stack([x, y, x, y, x, y], axis=-1)
+    xy = np.array([[2.5, 4.5], [3.0, 4.0], [20.0, 11.5]], np.float32)
+    expected = np.tile((xy + 0.5) / 2 - 0.5, 3)
+    np.testing.assert_allclose(preparation._read_map(image, xy, clip), expected, atol=1e-3)
+
+
 class TestMasks:
     def test_none(self, clip: Clip):
         assert (prepare(clip, config("data.masks=none"), progress=False).moving == UNKNOWN_MOTION).all()
@@ -176,9 +186,10 @@ class TestCache:
             raise failure
 
         settings = config("data.features=none")
-        with monkeypatch.context() as patch, pytest.raises(failure):
+        with monkeypatch.context() as patch:
             patch.setattr(preparation.camera, "chain", fail)
-            prepare(clip, settings, progress=False)
+            with pytest.raises(failure):
+                prepare(clip, settings, progress=False)
         assert list((tmp_path / "cache").iterdir()) == []
         assert prepare(clip, settings, progress=False).num_frames == FRAMES
 

@@ -111,7 +111,7 @@ def test_scores_are_scores():
 
 
 def test_a_point_that_something_hides_is_occluded_and_carried_on(monkeypatch: pytest.MonkeyPatch):
-    """A scene that stands still, and before it a wall that is out of view in frame 0 and fills the middle of frame 1."""
+    """A scene that stands still; before it a wall, out of view in frame 0, that fills the middle of frame 1."""
     model = owned_by(tiny_model("cpu", frames=2, start=torch.eye(3, 4).repeat(2, 1, 1)), static=True)
     model.dynamic.affine.start[0, 0, 3] = 1.5
 

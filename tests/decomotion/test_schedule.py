@@ -28,9 +28,9 @@ def test_a_schedule_of_no_length_is_a_switch():
     assert [value_at(switch, progress) for progress in (0.49, 0.5, 0.51)] == [0, 5, 5]
 
 
-@pytest.mark.parametrize(("progress", "expected"), [(0.05, 0.5), (0.1, 1.0), (0.325, 0.8535534), (0.55, 0.5), (1.0, 0.0)])
+@pytest.mark.parametrize(("progress", "expected"), [(0.05, 0.5), (0.1, 1.0), (0.325, 0.85355), (0.55, 0.5), (1.0, 0.0)])
 def test_warm_up_then_half_a_cosine(progress: float, expected: float):
-    assert learning_rate_factor(optim(warmup=0.1, decay="cosine"), progress) == pytest.approx(expected)
+    assert learning_rate_factor(optim(warmup=0.1, decay="cosine"), progress) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize(("progress", "expected"), [(0.01, 0.5), (0.1, 1), (0.3, 0.5), (0.5, 0.25), (0.99, 0.0625)])

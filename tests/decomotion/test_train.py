@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -106,19 +107,19 @@ class TestLearning:
         assert not (tmp_path / "run").exists()
 
 
-class Interruption:
-    """Does something at the beginning of one step of every run."""
+@contextmanager
+def interruption(step: int, act: Callable[[], object]) -> Iterator[None]:
+    """Something happens at the beginning of that step of every run."""
+    whole = Run.optimise
 
-    def __init__(self, step: int, act: Callable[[], object]) -> None:
-        self.step, self.act, self.optimise = step, act, Run.optimise
+    def optimise(run: Run, progress: float) -> dict[str, float]:
+        if run.step == step:
+            act()
+        return whole(run, progress)
 
-    def install(self, patch: pytest.MonkeyPatch) -> None:
-        def optimise(run: Run, progress: float) -> dict[str, float]:
-            if run.step == self.step:
-                self.act()
-            return self.optimise(run, progress)
-
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Run, "optimise", optimise)
+        yield
 
 
 def ctrl_c() -> None:
@@ -160,10 +161,9 @@ class TestResume:
     def straight(self, config: Config, tmp_path: Path) -> Path:
         return fit(CLIP, tmp_path / "straight", config=config, steps=6, progress=False)
 
-    def test_after_ctrl_c(self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def test_after_ctrl_c(self, config: Config, straight: Path, tmp_path: Path):
         former = signal.getsignal(signal.SIGINT)
-        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            Interruption(2, ctrl_c).install(patch)
+        with interruption(2, ctrl_c), pytest.raises(KeyboardInterrupt):
             fit(CLIP, tmp_path / "broken", config=config, steps=6, progress=False)
         assert signal.getsignal(signal.SIGINT) is former
         assert checkpoint.load(tmp_path / "broken" / checkpoint.FILE_NAME).training["step"] == 3
@@ -171,20 +171,18 @@ class TestResume:
         torch.rand(7)
         assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
 
-    def test_after_a_kill(self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def test_after_a_kill(self, config: Config, straight: Path, tmp_path: Path):
         always = config.model_copy(update={"log": config.log.model_copy(update={"checkpoint_seconds": 1e-9})})
-        with monkeypatch.context() as patch, pytest.raises(Killed):
-            Interruption(4, killed).install(patch)
+        with interruption(4, killed), pytest.raises(Killed):
             fit(CLIP, tmp_path / "broken", config=always, steps=6, progress=False)
         assert checkpoint.load(tmp_path / "broken" / checkpoint.FILE_NAME).training["step"] == 4
         assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
 
     def test_killed_before_the_first_step_of_a_new_run_in_an_old_folder(
-        self, config: Config, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self, config: Config, straight: Path, tmp_path: Path
     ):
         fit(CLIP, tmp_path / "broken", config=config, steps=2, seed=5, progress=False)
-        with monkeypatch.context() as patch, pytest.raises(Killed):
-            Interruption(0, killed).install(patch)
+        with interruption(0, killed), pytest.raises(Killed):
             fit(CLIP, tmp_path / "broken", config=config, steps=6, progress=False)
         assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
 
@@ -236,10 +234,17 @@ class TestFailure:
         sound = LOSSES["photometric_fused"]
         monkeypatch.setitem(LOSSES, "photometric_fused", lambda p, b: sound(p, b) * self.after_two_calls(value))
         self.calls = 0
-        with pytest.raises(TrainingError, match=r"loss photometric_fused is not a number at step 2; .*failed_batch\.pt"):
+        with pytest.raises(TrainingError, match=r"loss photometric_fused is not a number at step 2; .*batch\.pt"):
             fit(CLIP, tmp_path / "run", config=tiny_config(), steps=6, progress=False)
         batch = torch.load(tmp_path / "run" / "failed_batch.pt", weights_only=True)
         assert batch["xy"].shape == (4, 32, 2)
+        assert all(value.isfinite().all() for value in model_of(tmp_path / "run").parameters())
+
+    def test_a_gradient_that_is_not_a_number(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        """The loss is 0, its slope infinite: the weights of the last sound step are what is kept."""
+        monkeypatch.setitem(LOSSES, "distortion", lambda p, b: (p.depths.sum() * 0 + 0 * p.static_weights.sum()).sqrt())
+        with pytest.raises(TrainingError, match=r"the gradient is not a number at step 0; .*batch\.pt"):
+            fit(CLIP, tmp_path / "run", config=tiny_config(), steps=6, progress=False)
         assert all(value.isfinite().all() for value in model_of(tmp_path / "run").parameters())
 
     def after_two_calls(self, value: float) -> float:
