@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import cv2
 import numpy as np
 
 from decomo_runtime import Tracker
@@ -23,12 +24,15 @@ from decomotion.clip import read_clip
 @click.argument("picture", type=click.Path(path_type=Path))
 @click.option("--grid", default="16@0", help="STEP@T, as for decomo-track.")
 @click.option("--frames", default=4, help="Frames shown, evenly spaced.")
-def main(model: Path, clip: Path, picture: Path, grid: str, frames: int) -> None:
+@click.option("--width", default=1400, help="Of the picture, in pixels.")
+def main(model: Path, clip: Path, picture: Path, grid: str, frames: int, width: int) -> None:
     tracker = Tracker(model)
     tracks = tracker.track(grid_queries(*parse_grid(grid), tracker.height, tracker.width))
     drawn = list(draw_tracks(read_clip(clip).frames, tracks))
     shown = np.linspace(0, len(drawn) - 1, frames).round().astype(int)
-    write_png(picture, contact_sheet([drawn[index] for index in shown]))
+    sheet = contact_sheet([drawn[index] for index in shown])
+    size = (width, round(width * sheet.shape[0] / sheet.shape[1]))
+    write_png(picture, cv2.resize(sheet, size, interpolation=cv2.INTER_AREA).astype(np.uint8))
 
 
 if __name__ == "__main__":
