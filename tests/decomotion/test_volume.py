@@ -30,7 +30,7 @@ def test_there_and_back(preset: str):
     conditioning = volume.condition(random(FRAMES, 8), torch.arange(FRAMES))
     points = 0.7 * random(FRAMES, 40, 3, seed=1) + torch.tensor([0.0, 0.0, 1.0])
     there = volume.to_canonical(points, conditioning)
-    assert (there - centred(points)).norm(dim=-1).mean() > 0.1
+    assert (there - centred(points)).norm(dim=-1).mean() > 0.05  # the maps do move points
     # the coupling directions' bases are rounded to float32
     torch.testing.assert_close(volume.from_canonical(there, conditioning), points, rtol=0, atol=1e-5)
 
