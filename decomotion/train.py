@@ -231,7 +231,7 @@ class Run:
         optim = self.config.optim
         generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
         batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
-        depth_generator = torch.Generator(self.device).manual_seed(((self.seed + 1) << 33) + self.step)
+        depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + (1 << 31) + self.step)
         weights = {name: value_at(weight, progress) for name, weight in self.config.loss.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
@@ -256,18 +256,20 @@ class Run:
         self, batch: Batch, weights: dict[str, float], share: float, generator: torch.Generator
     ) -> dict[str, float]:
         """Adds the gradients of one part of a batch, which makes up `share` of it; returns its losses."""
-        near = batch.to(self.device)
+        on_device = batch.to(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.optim.autocast == "bf16"):
-            smooth_points = round(self.config.optim.smooth_share * near.xy.shape[1])
-            prediction = self.model.predict(near.xy, near.frame, near.target_frame, generator, smooth_points)
-        losses = {name: LOSSES[name](prediction, near) for name, weight in weights.items() if weight > 0}
+            smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
+            prediction = self.model.predict(
+                on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points
+            )
+        losses = {name: LOSSES[name](prediction, on_device) for name, weight in weights.items() if weight > 0}
         values = {name: float(loss.detach()) for name, loss in losses.items()}
         for name, value in values.items():
             if value != value or value in (float("inf"), float("-inf")):
                 raise TrainingError(self._failure(f"loss {name}", batch))
         sum(share * weights[name] * loss for name, loss in losses.items()).backward()  # type: ignore[union-attr]
         with torch.no_grad():
-            error = (prediction.fused_xy - near.target_xy).norm(dim=-1)
+            error = (prediction.fused_xy - on_device.target_xy).norm(dim=-1)
         self.sampler.note_errors(batch, error.cpu())
         return values
 
