@@ -23,7 +23,7 @@ from decomotion.data import camera, linking, masks
 from decomotion.data.flow import DisFlow, FlowEstimator
 from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid, open_pool
 
-POOL_VERSION = 3
+POOL_VERSION = 4
 """Raised whenever the same clip and settings would give another pool."""
 
 ABANDONED_SECONDS = 24 * 3600
@@ -185,8 +185,7 @@ def _moving(
     if config.masks == "none":
         return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     if given is None:
-        residual = masks.residual_motion(points, targets, confidence, max(clip.height, clip.width) / 256)
-        given = masks.moving_from_residual(residual, grid, clip.height, clip.width)
+        given = masks.auto_masks(clip.frames, points, targets, confidence, grid)
     nearest = np.round(points).astype(np.int64)
     frame = np.arange(len(points))[:, None]
     return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)

@@ -1,0 +1,100 @@
+"""Labels from evidence: thresholds, averages along links, and edges of the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from decomotion.data import labelling
+from decomotion.data.labelling import Links
+
+GRID = (4, 6)
+POINTS = GRID[0] * GRID[1]
+
+
+def links(shift: float = 0.0, frames: int = 2, confidence: int = 255) -> Links:
+    """A clip of 8x12 pixels, a point at the centre of every 2x2 cell, all of which move by `shift` pixels a frame."""
+    y, x = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32)
+    points = np.stack([2 * x + 0.5, 2 * y + 0.5], axis=-1).reshape(-1, 2)
+    frame = np.arange(frames)
+    gap = (frame[None] - frame[:, None])[..., None, None]
+    targets = (points + gap * np.array([shift, 0])).astype(np.float32)
+    return Links(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
+
+
+class TestOtsu:
+    def test_between_two_groups(self):
+        assert labelling.otsu(np.array([0, 1, 2, 10, 11, 12], np.float32)) == 6
+
+    def test_slow_twin(self):
+        values = np.random.default_rng(0).gamma(1.0, size=200).astype(np.float32)
+
+        def between(threshold: float) -> float:
+            low, high = values[values <= threshold], values[values > threshold]
+            return len(low) * len(high) * (low.mean() - high.mean()) ** 2
+
+        middles = np.convolve(np.sort(values), [0.5, 0.5], "valid")
+        assert labelling.otsu(values) == pytest.approx(max(middles, key=between))
+
+    @pytest.mark.parametrize("values", [[], [3.0]])
+    def test_of_too_few(self, values: list[float]):
+        assert labelling.otsu(np.array(values, np.float32)) == 0
+
+
+def test_reading_follows_the_links():
+    values = np.tile(np.arange(GRID[1], dtype=np.float32), GRID[0])
+    read = links(shift=2.0).read(values, 0, 1).reshape(GRID)
+    np.testing.assert_allclose(read[0], [1, 2, 3, 4, 5, 5])
+
+
+def test_averages_leave_out_what_is_not_known():
+    values = np.full((2, POINTS), np.nan, np.float32)
+    values[1, :6] = 4
+    averaged = labelling.along_links(values, links())
+    np.testing.assert_allclose(averaged[:, :6], 4)
+    assert np.isnan(averaged[:, 6:]).all()
+    averaged = labelling.along_links(np.stack([np.zeros(POINTS), np.ones(POINTS)]).astype(np.float32), links())
+    np.testing.assert_allclose(averaged, 0.5)
+
+
+class TestLogOdds:
+    CHANGED = np.full((1, 4), 9, np.float32)
+
+    def test_below_one_unit_nothing_moves(self):
+        assert (labelling.log_odds(np.array([[0.1, 0.2, 0.3, 0.9]], np.float32), self.CHANGED) < 0).all()
+
+    def test_the_threshold_rises_with_the_motion(self):
+        odds = labelling.log_odds(np.array([[0.1, 2.0, 20.0, 21.0]], np.float32), self.CHANGED)
+        assert (odds[0] > 0).tolist() == [False, False, True, True]
+
+    def test_nothing_known_says_nothing(self):
+        odds = labelling.log_odds(np.array([[np.nan, 0.1, 5, 5]], np.float32), self.CHANGED)
+        assert odds[0, 0] == 0
+
+    def test_motion_that_changes_no_colour_says_nothing(self):
+        residual = np.array([[0.1, 5, 5, 5]], np.float32)
+        odds = labelling.log_odds(residual, np.array([[0.5, 0.5, 2, np.nan]], np.float32))
+        full = labelling.log_odds(residual, self.CHANGED)
+        assert odds[0, 0] == full[0, 0] < 0
+        np.testing.assert_allclose(odds[0, 1:] / full[0, 1:], [0, 0.5, 0])
+
+
+class TestMeanField:
+    def test_a_lone_point_follows_its_neighbours(self):
+        unary = np.full((1, POINTS), -1, np.float32)
+        unary[0, 8] = 1
+        assert (labelling.mean_field(unary, np.zeros((1, POINTS, 3), np.float32), GRID) < 0.5).all()
+
+    def test_labels_spread_as_far_as_the_colour(self):
+        """Evidence at one point each, in two halves of different colour."""
+        right = np.tile(np.arange(GRID[1]) >= 3, GRID[0])
+        unary = np.zeros((1, POINTS), np.float32)
+        unary[0, 0], unary[0, -1] = -3, 3
+        lab = np.where(right[:, None], 200.0, 50.0).astype(np.float32) * np.ones(3, np.float32)
+        np.testing.assert_array_equal(labelling.mean_field(unary, lab[None], GRID)[0] > 0.5, right)
+
+    def test_frames_are_on_their_own(self):
+        unary = np.random.default_rng(0).normal(size=(2, POINTS)).astype(np.float32)
+        lab = np.zeros((2, POINTS, 3), np.float32)
+        both = labelling.mean_field(unary, lab, GRID)
+        np.testing.assert_allclose(both[1:], labelling.mean_field(unary[1:], lab[1:], GRID), rtol=1e-6)
