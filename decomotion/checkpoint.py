@@ -88,7 +88,8 @@ def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
     config = configuration.parse(content["config"], source)
     clip = ClipFacts(**content["clip"])
     state = content["model"]
-    starts = (state["static.affine.start"], state["dynamic.affine.start"])
+    identity = torch.eye(3, 4).repeat(clip.num_frames, 1, 1)  # of a volume that is not there
+    starts = (state.get("static.affine.start", identity), state.get("dynamic.affine.start", identity))
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
     return Checkpoint(config, clip, model, content["training"])

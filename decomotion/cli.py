@@ -28,6 +28,8 @@ class Duration(click.ParamType):
 
 
 DEFAULT_BUDGET = "10m"
+MINUTES = ("cpu", "omnimotion")
+"""Presets that have a default budget in minutes, not in steps."""
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -35,7 +37,7 @@ DEFAULT_BUDGET = "10m"
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the run.  [default: runs/<clip name>]")
 @click.option(
     "--preset",
-    type=click.Choice(["auto", "cpu", "paper"]),
+    type=click.Choice(["auto", "cpu", "omnimotion", "paper"]),
     default="auto",
     help="Sizes, losses and schedules; auto: paper where there is a CUDA device, else cpu.",
 )
@@ -43,7 +45,7 @@ DEFAULT_BUDGET = "10m"
     "--time-budget",
     type=Duration(),
     help=f"End after this much wall time, preparation included (30s, 10m, 1h).  [default: {DEFAULT_BUDGET} with the "
-    "cpu preset, none with paper]",
+    "cpu and omnimotion presets, none with paper]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override one configuration value.")
@@ -85,7 +87,7 @@ def command(
     if masks is not None:
         overrides = (*overrides, f"data.masks={masks}")
     config = None if resume else configuration.load(name, file, overrides)
-    if config is not None and config.preset == "cpu" and time_budget is None and steps is None:
+    if config is not None and config.preset in MINUTES and time_budget is None and steps is None:
         time_budget = Duration().convert(DEFAULT_BUDGET, None, None)
     folder = fit(
         frames,

@@ -14,7 +14,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from decomotion.errors import ConfigError
 
-PRESETS = ("cpu", "paper")
+PRESETS = ("cpu", "omnimotion", "paper")
+
+EXTENDS = "extends"
+"""Key of a file that builds on a preset."""
 
 
 class Leaf(BaseModel):
@@ -189,8 +192,10 @@ class VolumeConfig(Leaf):
 
 
 class ModelConfig(Leaf):
-    """The fused model."""
+    """The model: two volumes and their fusion, or one of them alone."""
 
+    volumes: Literal["fused", "static", "dynamic"]
+    """Both volumes, or one that explains everything, as in OmniMotion; losses of the other are then not computed."""
     samples: int = Field(ge=2)
     """Samples on a ray."""
     normalise_weights: bool
@@ -232,8 +237,6 @@ class OptimConfig(Leaf):
     """Share of the correspondences at which scene-flow smoothness is evaluated."""
     count_maps: bool
     """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
-    count_maps: bool
-    """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)
     """Pairs whose graph is held in memory at once (gradients are accumulated; the mathematics is the same); 0: all."""
     clip_norm: float = Field(gt=0)
@@ -269,6 +272,8 @@ class Config(Leaf):
 def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
     """Reads a preset (or `file`, in the same form) and applies `overrides` of the form `a.b.c=value`.
 
+    A file with the key `extends` names a preset and holds only what differs from it.
+
     Raises `ConfigError` naming the key that is unknown, missing or of the wrong type.
     """
     source = Path(file) if file is not None else files("decomotion") / "configs" / f"{preset}.yaml"
@@ -282,9 +287,26 @@ def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[s
         raise ConfigError(f"config file {source} is not YAML: {error}") from error
     if not isinstance(tree, dict):
         raise ConfigError(f"config file {source} does not hold a mapping of keys")
+    if EXTENDS in tree:
+        tree = _merged(load(str(tree.pop(EXTENDS))).model_dump(mode="json"), tree)
     for override in overrides:
         _apply(tree, override)
     return parse(tree, str(source))
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with the values of `changes`, mapping by mapping; a mapping of another `kind` takes the place whole."""
+    merged = dict(base)
+    for key, value in changes.items():
+        former = base.get(key)
+        if (
+            isinstance(value, dict)
+            and isinstance(former, dict)
+            and value.get("kind", former.get("kind")) == former.get("kind")
+        ):
+            value = _merged(former, value)
+        merged[key] = value
+    return merged
 
 
 def parse(tree: Any, source: str) -> Config:

@@ -28,7 +28,7 @@ from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
-from decomotion.losses import LOSSES, check_names
+from decomotion.losses import LOSSES, applicable, check_names
 from decomotion.model.fusion import DecoMotion
 from decomotion.schedule import learning_rate_factor, longest_gap, value_at
 
@@ -157,6 +157,7 @@ class Run:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.sampler = Sampler(pool, config.optim)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
+        self.losses = applicable(config.loss, config.model.volumes)
         self.budget = Budget(config.optim.steps)
         self.step = 0
         self.elapsed = 0.0
@@ -232,7 +233,7 @@ class Run:
         generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
         batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
         depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + (1 << 31) + self.step)
-        weights = {name: value_at(weight, progress) for name, weight in self.config.loss.items()}
+        weights = {name: value_at(weight, progress) for name, weight in self.losses.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base_lr"] * factor

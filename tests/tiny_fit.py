@@ -69,7 +69,7 @@ TINY_PAPER = (
     ),
 )
 """The `paper` preset, likewise."""
-TINY_PRESETS = {"cpu": TINY_CPU, "paper": TINY_PAPER}
+TINY_PRESETS = {"cpu": TINY_CPU, "omnimotion": TINY_CPU, "paper": TINY_PAPER}
 
 
 def sliding_square(frames: int = FRAMES) -> Clip:
@@ -133,6 +133,7 @@ def tiny_model(
     width: int = 32,
     feature_size: int = 3,
     start: Tensor | None = None,
+    overrides: tuple[str, ...] = (),
 ) -> DecoMotion:
     """A model as it is before a fit; `start` are the affine maps [frame, 3, 4] of both volumes, default: identity."""
     import torch
@@ -142,7 +143,7 @@ def tiny_model(
     from decomotion.model.fusion import DecoMotion
 
     torch.manual_seed(0)
-    config = load(preset, overrides=TINY_PRESETS[preset]).model
+    config = load(preset, overrides=(*TINY_PRESETS[preset], *overrides)).model
     start = torch.eye(3, 4).repeat(frames, 1, 1) if start is None else start
     return DecoMotion(config, ImagePlane(height, width), (start, start.clone()), feature_size)
 
