@@ -64,7 +64,8 @@ def run_stage(*command: str) -> Record:
     begin = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
-    if os.waitstatus_to_exitcode(status):
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
         raise StageError(f"{' '.join(command)} failed")
     return {"seconds": round(time.monotonic() - begin, 1), "peak_rss_gib": round(usage.ru_maxrss / 2**20, 2)}
 
@@ -129,6 +130,8 @@ def main(
     work: Path,
 ) -> None:
     """Fit, export and score clips of DATASET: a TAP-Vid pickle, or the word `procedural`."""
+    if series is not None and (overrides or name):
+        raise click.UsageError("--set and --name are of rows that the command line describes; leave them out")
     if series is not None:
         rows = read_series(series).rows
     else:

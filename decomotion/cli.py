@@ -45,7 +45,7 @@ MINUTES = ("cpu", "omnimotion")
     "--time-budget",
     type=Duration(),
     help=f"End after this much wall time, preparation included (30s, 10m, 1h).  [default: {DEFAULT_BUDGET} with the "
-    "cpu and omnimotion presets, none with paper]",
+    "cpu preset and omnimotion, none with paper]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override one configuration value.")

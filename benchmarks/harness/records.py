@@ -2,7 +2,7 @@
 
     clip, dataset, row, preset, overrides, seed      what was run; a baseline has no seed
     time_budget or steps, rebuild_cache              how long, and whether preparation came out of that time
-    config          hash of the resolved configuration: records of another are not of the same row
+    config          hash of the resolved configuration (of a baseline: of its `data`), the same in all records of a row
     commit, date, machine, versions                  of what, when, where; load_average as the run began
     stages          {stage: {seconds, peak_rss_gib, ...}}; `train` also has prepare_seconds (part of seconds) and steps
     model_bytes     size of the .onnx file; a baseline has none
@@ -27,13 +27,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+from pydantic import BaseModel
 
 from decomo_eval.predictions import Prediction
 from decomo_eval.query_mode import QUERY_MODES
 from decomo_eval.scoring import score
 from decomo_eval.splits import score_splits
 from decomo_eval.tapvid import Queries, sample_queries
-from decomotion.config import Config
 from decomotion.files import replacing
 from harness.clips import BenchmarkClip
 
@@ -80,8 +80,8 @@ def _processor() -> str:
     return names[0] if names else platform.processor()
 
 
-def config_digest(config: Config) -> str:
-    """A short hash of everything that decides a fit apart from clip, seed and budget."""
+def config_digest(config: BaseModel) -> str:
+    """A short hash of a resolved configuration, or of the part of one that decides the result."""
     content = json.dumps(config.model_dump(mode="json"), sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
