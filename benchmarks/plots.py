@@ -72,8 +72,8 @@ def clips_figure(rows: dict[str, list[Record]], column: Column) -> Figure:
     width = 0.8 / len(rows)
     for number, (name, row) in enumerate(values.items()):
         shift = (number - (len(rows) - 1) / 2) * width
-        bars = [(clips.index(clip) + shift, value) for clip, each in row.items() if (value := each[column]) is not None]
-        axes.bar(*zip(*bars, strict=True), width, label=name)
+        heights = {clip: value for clip, each in row.items() if (value := each[column]) is not None}
+        axes.bar([clips.index(clip) + shift for clip in heights], list(heights.values()), width, label=name)
     axes.set_xticks(range(len(clips)), clips, rotation=30, ha="right")
     axes.set_ylabel(column.title)
     axes.grid(axis="y", alpha=0.3)

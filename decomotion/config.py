@@ -276,6 +276,13 @@ def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[s
 
     Raises `ConfigError` naming the key that is unknown, missing or of the wrong type.
     """
+    tree, source = _read(preset, file)
+    for override in overrides:
+        _apply(tree, override)
+    return parse(tree, source)
+
+
+def _read(preset: str, file: str | Path | None) -> tuple[dict[str, Any], str]:
     source = Path(file) if file is not None else files("decomotion") / "configs" / f"{preset}.yaml"
     if file is None and preset not in PRESETS:
         raise ConfigError(f"preset {preset!r} is unknown; choose one of {', '.join(PRESETS)}")
@@ -288,10 +295,9 @@ def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[s
     if not isinstance(tree, dict):
         raise ConfigError(f"config file {source} does not hold a mapping of keys")
     if EXTENDS in tree:
-        tree = _merged(load(str(tree.pop(EXTENDS))).model_dump(mode="json"), tree)
-    for override in overrides:
-        _apply(tree, override)
-    return parse(tree, str(source))
+        base, _ = _read(str(tree.pop(EXTENDS)), None)
+        tree = _merged(base, tree)
+    return tree, str(source)
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
