@@ -242,7 +242,7 @@ class OptimConfig(Leaf):
     clip_norm: float = Field(gt=0)
     """Norm to which the whole model's gradient is cut where it is larger."""
     autocast: Literal["none", "bf16"]
-    """Precision of matrix products."""
+    """Precision of the products of MLPs' hidden layers (`decomotion/model/precision.py`); all else is float32."""
 
 
 class LogConfig(Leaf):

@@ -30,6 +30,7 @@ from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.losses import LOSSES, applicable, check_names
 from decomotion.model.fusion import DecoMotion
+from decomotion.model.precision import set_precision
 from decomotion.schedule import learning_rate_factor, longest_gap, value_at
 
 log = logging.getLogger(__name__)
@@ -156,6 +157,7 @@ class Run:
     def __init__(self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int) -> None:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.sampler = Sampler(pool, config.optim)
+        set_precision(model, config.optim.autocast)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
         self.losses = applicable(config.loss, config.model.volumes)
         self.budget = Budget(config.optim.steps)
@@ -258,11 +260,8 @@ class Run:
     ) -> dict[str, float]:
         """Adds the gradients of one part of a batch, which makes up `share` of it; returns its losses."""
         on_device = batch.to(self.device)
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.optim.autocast == "bf16"):
-            smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
-            prediction = self.model.predict(
-                on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points
-            )
+        smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
+        prediction = self.model.predict(on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points)
         losses = {name: LOSSES[name](prediction, on_device) for name, weight in weights.items() if weight > 0}
         values = {name: float(loss.detach()) for name, loss in losses.items()}
         for name, value in values.items():
