@@ -50,12 +50,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--feature-size", type=int, default=768)
     parser.add_argument("--steps", type=int, default=2)
-    parser.add_argument("--autocast", choices=["none", "bf16"], default="none", help="precision of hidden layers")
+    parser.add_argument(
+        "--autocast", choices=["none", "bf16"], help="precision of hidden layers; default: the preset's"
+    )
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
-    overrides = (*arguments.overrides, f"optim.autocast={arguments.autocast}")
+    overrides = tuple(arguments.overrides)
+    if arguments.autocast is not None:
+        overrides += (f"optim.autocast={arguments.autocast}",)
     config = configuration.load("paper", overrides=overrides)
     torch.manual_seed(0)
     pool = random_pool(32, 2048, 256, arguments.feature_size)
@@ -80,6 +84,7 @@ def main() -> None:
         "torch": torch.__version__,
         "threads": torch.get_num_threads(),
         "machine": platform.processor() or platform.machine(),
+        "autocast": config.optim.autocast,
         "overrides": overrides,
     }
     print(json.dumps(record, indent=2))

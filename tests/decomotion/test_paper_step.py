@@ -155,9 +155,8 @@ def test_in_float32_it_is_near(model: DecoMotion, batch: Batch):
 def test_in_mixed_precision_it_is_within_the_stated_tolerance(full_model: DecoMotion, batch: Batch):
     """Losses within 0.1 %, the whole gradient within 5 % of its norm, each module's within 2 %, with two exceptions.
 
-    Coupling layers and frame codes: 20 %. They reach the losses through a map and another one's inverse, whose gradients
-    nearly cancel as long as frames are alike, as here, near the start; what is left is far less than what one batch
-    differs from the next by. Scene-flow smoothness is a difference as well: the loss is within 1e-4 normalised units
+    Coupling layers and frame codes: 20 %. They reach the losses through a map and another one's inverse, whose
+    gradients nearly cancel as long as frames are alike, as here, near the start. Scene-flow smoothness is a difference as well: the loss is within 1e-4 normalised units
     (0.013 pixels of a 256-pixel frame), and its slope is the sign of accelerations, which smaller ones lose. So it
     counts in the whole gradient but not in the modules'.
     """
