@@ -156,9 +156,9 @@ def test_in_mixed_precision_it_is_within_the_stated_tolerance(full_model: DecoMo
     """Losses within 0.1 %, the whole gradient within 5 % of its norm, each module's within 2 %, with two exceptions.
 
     Coupling layers and frame codes: 20 %. They reach the losses through a map and another one's inverse, whose
-    gradients nearly cancel as long as frames are alike, as here, near the start. Scene-flow smoothness is a difference as well: the loss is within 1e-4 normalised units
-    (0.013 pixels of a 256-pixel frame), and its slope is the sign of accelerations, which smaller ones lose. So it
-    counts in the whole gradient but not in the modules'.
+    gradients nearly cancel as long as frames are alike, as here, near the start. Scene-flow smoothness is a difference
+    as well: the loss is within 1e-4 normalised units (0.013 pixels of a 256-pixel frame), and its slope is the sign of
+    accelerations, which smaller ones lose. So it counts in the whole gradient but not in the modules'.
     """
     depths = depths_of(full_model, batch)
     losses, gradients = plain(full_model, batch, depths)
