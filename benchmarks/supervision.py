@@ -17,7 +17,7 @@ from decomo_eval.predictions import Prediction
 from decomo_eval.scoring import score
 from decomo_eval.tapvid import Queries, pixels_to_raster, sample_queries
 from decomotion import config as configuration
-from decomotion.data.flow import DisFlow
+from decomotion.data.flow import build_flow
 from decomotion.data.linking import FieldLookup, link, outside
 
 ROWS: dict[str, tuple[tuple[int, ...], float]] = {
@@ -34,12 +34,12 @@ METRICS = ("average_jaccard", "average_pts_within_thresh", "occlusion_accuracy",
 
 def flow_lookup(video: Video) -> FieldLookup:
     """Flow between any two frames, computed when first asked for."""
-    estimate = DisFlow(configuration.load("cpu").data.flow)
+    estimate = build_flow(configuration.load("cpu").data.flow)
     frames, kept = video.frames(), {}
 
     def look_up(source: int, target: int) -> np.ndarray:
         if (source, target) not in kept:
-            kept[source, target] = estimate(frames[source], frames[target]).astype(np.float16)
+            kept[source, target] = estimate(frames[source], frames[target], (source, target)).astype(np.float16)
         return kept[source, target].astype(np.float32)
 
     return look_up
