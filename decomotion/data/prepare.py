@@ -43,6 +43,8 @@ class Preparation:
     """In the order in which they are made."""
     folder: Path
     """Where the clip's stages lie."""
+    grid: tuple[int, int]
+    """Rows and columns of the pool's jittered points, which come first in every frame."""
 
 
 def cache_root() -> Path:
@@ -72,7 +74,7 @@ def prepare_in_stages(
         records.append(work.filter.run(work.build_filter, rebuild))
     records.append(work.motion.run(work.build_motion, rebuild))
     pool = open_pool([record.folder for record in records], work.longer_side)
-    return Preparation(pool, tuple(records), work.root)
+    return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 
 
 class _Work:
