@@ -389,8 +389,19 @@ def parse(tree: Any, source: str) -> Config:
         return Config.model_validate(tree)
     except ValidationError as error:
         first = max(error.errors(), key=lambda each: len(each["loc"]))  # of a union, the form that was meant
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(_path_in(tree, first["loc"]))
         raise ConfigError(f"{source}: {key}: {first['msg'].lower()}; see decomotion/config.py for the keys") from error
+
+
+def _path_in(tree: Any, location: tuple[int | str, ...]) -> list[str]:
+    """The keys that lead to an error's place: pydantic's location without the kinds of the leaves on the way."""
+    path: list[str] = []
+    for part in location:
+        if isinstance(tree, dict) and part not in tree and part == tree.get("kind"):
+            continue
+        path.append(str(part))
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    return path
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:

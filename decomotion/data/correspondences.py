@@ -36,6 +36,8 @@ CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
 SCHEDULE = "schedule.json"
 """The gaps that were chosen: an interrupted run goes on with them, however fast the machine is then."""
+TRIALS = 3
+"""Of what a field costs."""
 
 
 @dataclass(frozen=True)
@@ -155,15 +157,21 @@ def build_links(
 def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, file: Path) -> dict[str, Any]:
     """The gaps at which flow is computed, and what a field costs, from `file` where an earlier run has chosen already.
 
-    The cost is the wall time of the first few fields, which are kept. Only `geometric` and `all` depend on it.
+    The cost is the wall time of a field, the least of three trials on the first few, which are kept: other work on the
+    machine makes trials dearer, never cheaper. Only `geometric` and `all` depend on it.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
-    first = pairs_of((1,), len(clip))[: 2 * (os.cpu_count() or 1) if fields.estimator.concurrent else 2]
-    fields.estimator.require(first)
-    begin = time.monotonic()
-    fields.compute(first, progress=False)
-    cost = (time.monotonic() - begin) / len(first)
+    neighbours = pairs_of((1,), len(clip))
+    fields.estimator.require(neighbours)
+    at_once = (os.cpu_count() or 1) if fields.estimator.concurrent else 1
+    costs = []
+    for trial in range(TRIALS):
+        pairs = neighbours[trial * at_once : (trial + 1) * at_once]
+        begin = time.monotonic()
+        fields.compute(pairs, progress=False)
+        costs += [(time.monotonic() - begin) / len(pairs)] if pairs else []
+    cost = min(costs)
     intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, config.prepare_budget)
     chosen = {"intervals": list(intervals), "seconds_per_field": cost}
     write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
