@@ -88,9 +88,10 @@ def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
     if not path.is_file():
         raise SupervisionError(f"{where} does not exist; give an .npz file")
     try:
-        with np.load(path, allow_pickle=False) as content:
-            if isinstance(content, np.ndarray):
-                raise ValueError
+        content = np.load(path, allow_pickle=False)
+        if not isinstance(content, np.lib.npyio.NpzFile):
+            raise ValueError("one array")
+        with content:
             arrays = {name: content[name] for name in NAMES if name in content}
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise SupervisionError(f"{where} is not an .npz file of plain arrays; save it with numpy.savez") from error
