@@ -34,7 +34,7 @@ def write_sheet(clip: Clip, pool: Pool, grid: tuple[int, int], path: Path) -> No
 
 def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:
     """[h, w, 3]: a row for each shown frame, a column for each of `COLUMNS`."""
-    shown = np.unique(np.linspace(0, len(clip) - 1, min(ROWS, len(clip))).round().astype(int))
+    shown = [int(frame) for frame in np.unique(np.linspace(0, len(clip) - 1, min(ROWS, len(clip))).round())]
     count = grid[0] * grid[1]
     flows = [_displacement(pool, frame, _other(shown, frame), count) for frame in shown]
     stacked = torch.from_numpy(np.stack(flows).reshape(len(shown), *grid, 2))
@@ -58,10 +58,10 @@ def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:
     return np.concatenate([_joined(each) for each in (header, *rows)], axis=0)
 
 
-def _other(shown: npt.NDArray[np.int64], frame: int) -> int:
+def _other(shown: list[int], frame: int) -> int:
     """The next shown frame; for the last, the one before."""
-    place = int(np.searchsorted(shown, frame))
-    return int(shown[place + 1 if place + 1 < len(shown) else place - 1])
+    place = shown.index(frame)
+    return shown[place + 1 if place + 1 < len(shown) else place - 1]
 
 
 def _displacement(pool: Pool, frame: int, other: int, count: int) -> npt.NDArray[np.float32]:
@@ -70,7 +70,7 @@ def _displacement(pool: Pool, frame: int, other: int, count: int) -> npt.NDArray
     return np.where((pool.confidence[frame, other] > 0)[:, None], moved, 0)[:count].astype(np.float32)
 
 
-def _feature_colours(pool: Pool, shown: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.uint8]:
+def _feature_colours(pool: Pool, shown: list[int], count: int) -> npt.NDArray[np.uint8]:
     """[shown frame, point, 3]: the first three principal directions of the shown features, as RGB."""
     features = np.stack([pool.feature[frame, :count] for frame in shown]).astype(np.float32)
     if features.shape[-1] < 3:

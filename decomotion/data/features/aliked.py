@@ -14,6 +14,8 @@ from decomotion.errors import SupervisionError
 DOWNLOADED = "aliked-n16"
 MODELS = ("aliked-n16", "aliked-t16", "aliked-n32")
 """Sizes that a file may have; the rotated n16 has n16's."""
+OWN_BUFFERS = "dkd."
+"""kornia's own, which files lack."""
 
 
 class AlikedFeatures:
@@ -45,9 +47,9 @@ def _from_file(weights: str) -> ALIKED:
     state = read_state(weights, "--feature-weights")
     for name in MODELS:
         model = ALIKED(name)
-        expected = {key: value.shape for key, value in model.state_dict().items() if "num_batches" not in key}
-        if {key: value.shape for key, value in state.items() if "num_batches" not in key} == expected:
-            model.load_state_dict(state, strict=False)  # files may lack the counters of batches
+        wanted = {key: value.shape for key, value in model.state_dict().items() if not key.startswith(OWN_BUFFERS)}
+        if {key: value.shape for key, value in state.items()} == wanted:
+            model.load_state_dict(state, strict=False)
             return model
     raise SupervisionError(
         f"--feature-weights {weights} does not hold ALIKED of a size that kornia knows ({', '.join(MODELS)}); "
