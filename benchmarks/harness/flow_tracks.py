@@ -77,7 +77,7 @@ def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> 
     frame = asked[:, 0].astype(int)
     xy = np.repeat(asked[:, None, 1:], fields.num_frames, axis=1)
     hidden = np.zeros(xy.shape[:2], bool)
-    for source in np.unique(frame):
+    for source in np.unique(frame).tolist():
         mine = np.nonzero(frame == source)[0]
         here = asked[None, mine, 1:]
         for target in [target for target in range(fields.num_frames) if target != source]:
