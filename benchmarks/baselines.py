@@ -17,9 +17,11 @@ from pathlib import Path
 import click
 
 from decomotion import config as configuration
+from decomotion.config import ESTIMATORS, DataConfig
 from decomotion.console import run
+from decomotion.data.flow import build_flow
 from harness.clips import read_clips
-from harness.flow_tracks import FLOWS, METHODS, Fields, track
+from harness.flow_tracks import METHODS, Fields, track
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
 
 
@@ -27,7 +29,8 @@ from harness.records import config_digest, is_done, provenance, score_clip, writ
 @click.argument("dataset")
 @click.option("--object-masks", type=click.Path(exists=True, path_type=Path), help="Splits scores: .npz by clip name.")
 @click.option("--methods", default=",".join(METHODS), help="Separated by commas.")
-@click.option("--flows", default=",".join(FLOWS), help="Separated by commas.")
+@click.option("--flows", default="dis", help=f"Of {', '.join(ESTIMATORS)}, separated by commas.")
+@click.option("--raft-weights", help="File of weights for RAFT.  [default: torchvision's, by download]")
 @click.option("--preset", default="cpu", help="Its `data` section sets up flow and links.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Of the preset.")
 @click.option("--clips", help="Names, separated by commas.  [default: all]")
@@ -37,29 +40,33 @@ def main(
     object_masks: Path | None,
     methods: str,
     flows: str,
+    raft_weights: str | None,
     preset: str,
     overrides: tuple[str, ...],
     clips: str | None,
     out: Path,
 ) -> None:
     """Track the queries of DATASET by flow alone: a TAP-Vid pickle, or the word `procedural`."""
-    config = configuration.load(preset, overrides=overrides)
-    for kind, given, known in (("method", methods, METHODS), ("flow", flows, FLOWS)):
+    for kind, given, known in (("method", methods, METHODS), ("flow", flows, ESTIMATORS)):
         for name in given.split(","):
             if name not in known:
                 raise click.UsageError(f"there is no {kind} {name}; choose of {', '.join(known)}")
-    facts = {"preset": preset, "overrides": list(overrides), "config": config_digest(config.data)}
+    data: dict[str, DataConfig] = {}
+    for flow in flows.split(","):
+        weights = (f"data.flow.weights={raft_weights}",) if raft_weights and flow.startswith("raft") else ()
+        data[flow] = configuration.load(preset, overrides=(*overrides, *weights), flow=flow).data
     for name, clip in read_clips(dataset, clips.split(",") if clips else None, object_masks).items():
-        for flow in flows.split(","):
+        for flow, config in data.items():
+            facts = {"preset": preset, "overrides": list(overrides), "config": config_digest(config)}
             paths = {method: out / f"{method}-{flow}" / f"{name}.json" for method in methods.split(",")}
             left = {method: path for method, path in paths.items() if not is_done(path, facts)}
             if not left:
                 continue
-            fields = Fields(clip.video.frames(), FLOWS[flow](config.data))
+            fields = Fields(clip.video.frames(), build_flow(config.flow))
             for method, path in left.items():
                 about = {"row": path.parent.name, "clip": name, **facts, "dataset": Path(dataset).name, **provenance()}
                 begin = time.monotonic()
-                scores = score_clip(clip, lambda queries, f=fields, m=method: track(m, queries, f, config.data))
+                scores = score_clip(clip, lambda queries, f=fields, m=method, c=config: track(m, queries, f, c))
                 seconds = round(time.monotonic() - begin, 1)  # fields that an earlier method used are there already
                 write_record(path, {**about, "stages": {"track": {"seconds": seconds}}, **scores})
                 strided = scores["metrics"]["strided"]

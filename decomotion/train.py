@@ -32,6 +32,7 @@ from decomotion.losses import LOSSES, applicable, check_names
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
 from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+from decomotion.shots import check_one_shot
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +67,7 @@ def fit(
     seed: int = 0,
     device: str = "auto",
     progress: bool = True,
+    ignore_cuts: bool = False,
 ) -> Path:
     """Fits one model to one clip.
 
@@ -80,10 +82,12 @@ def fit(
         seed: seed of everything random.
         device: `auto`, `cpu`, `cuda` or any name torch knows.
         progress: show a progress bar.
+        ignore_cuts: fit the clip even where it cuts from one shot to another.
 
     Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
 
-    Raises: `ClipError`, `SupervisionError`, `CheckpointError`; `TrainingError` where a loss is not a number.
+    Raises: `ClipError` where the clip cannot be read or has cuts, `SupervisionError`, `CheckpointError`;
+        `TrainingError` where a loss is not a number.
     """
     begin = time.monotonic()
     clip = clip if isinstance(clip, Clip) else read_clip(clip)
@@ -94,6 +98,8 @@ def fit(
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
         check_names(config.loss)
+        if not ignore_cuts:
+            check_one_shot(clip)
         run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
     if steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
@@ -117,7 +123,7 @@ def choose_device(name: str) -> str:
 def _fresh(
     folder: Path, clip: Clip, config: Config, device: torch.device, seed: int, rebuild: bool, progress: bool
 ) -> Run:
-    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress)
+    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
     torch.manual_seed(seed)
     plane = ImagePlane(clip.height, clip.width)
     starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
@@ -136,7 +142,8 @@ def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
             f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
             f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
         )
-    run = Run(folder, saved.clip, saved.config, saved.model, prepare(clip, saved.config.data), saved.training["seed"])
+    pool = prepare(clip, saved.config.data, device=str(device))
+    run = Run(folder, saved.clip, saved.config, saved.model, pool, saved.training["seed"])
     run.restore(saved.training)
     return run
 

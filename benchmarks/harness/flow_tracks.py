@@ -9,6 +9,7 @@ Cycle errors are forward-backward errors in pixels of a frame whose longer side 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,13 +18,9 @@ import numpy.typing as npt
 from decomo_eval.predictions import Prediction
 from decomo_eval.tapvid import Queries, pixels_to_raster
 from decomotion.config import DataConfig
-from decomotion.data.flow import DisFlow, FlowEstimator
+from decomotion.data.flow import FlowEstimator
+from decomotion.data.intervals import choose_intervals
 from decomotion.data.linking import Field, cycle_error, link, outside, sample
-
-FLOWS: dict[str, Callable[[DataConfig], FlowEstimator]] = {
-    "dis": lambda data: DisFlow(data.flow),
-}
-"""Flow estimators by name."""
 
 CHAINED_CYCLE, DIRECT_CYCLE = 1.0, 1.5
 
@@ -46,7 +43,7 @@ class Fields:
     def __call__(self, source: int, target: int) -> Field:
         """[h, w, 2], in pixels of the field's own raster; kept as float16."""
         if (source, target) not in self._kept:
-            field = self._estimate(self._frames[source], self._frames[target])
+            field = self._estimate(self._frames[source], self._frames[target], (source, target))
             self._kept[source, target] = field.astype(np.float16)
         return self._kept[source, target].astype(np.float32)
 
@@ -91,11 +88,16 @@ def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> 
     return xy, hidden
 
 
+def intervals(data: DataConfig, num_frames: int) -> tuple[int, ...]:
+    """The gaps of the fit's supervision where time does not matter."""
+    return choose_intervals(data.flow, num_frames, data.pool.max_gap, seconds_per_field=1.0, budget=math.inf)
+
+
 METHODS: dict[str, Callable[[npt.NDArray[np.float32], Fields, DataConfig], Tracked]] = {
     "chained": lambda asked, fields, data: linked(asked, fields, (1,), CHAINED_CYCLE, fields.num_frames),
     "direct": lambda asked, fields, data: direct(asked, fields, DIRECT_CYCLE),
     "linked": lambda asked, fields, data: linked(
-        asked, fields, data.flow.intervals, data.pool.cycle_threshold, data.pool.max_gap
+        asked, fields, intervals(data, fields.num_frames), data.pool.cycle_threshold, data.pool.max_gap
     ),
 }
 """Ways to go from flow to tracks."""

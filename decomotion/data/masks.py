@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import images_in
+from decomotion.data.pool import Positions
 from decomotion.errors import SupervisionError
 
 Mask = npt.NDArray[np.bool_]
@@ -24,7 +25,7 @@ RESIDUAL_UNITS = 1.0
 
 
 def residual_motion(
-    points: npt.NDArray[np.float32], targets: npt.NDArray[np.float32], confidence: npt.NDArray[np.uint8], unit: float
+    points: npt.NDArray[np.float32], targets: Positions, confidence: npt.NDArray[np.uint8], unit: float
 ) -> npt.NDArray[np.float32]:
     """How much each point's motion differs from the camera's, [frame, point], pixels per square root of the gap.
 
