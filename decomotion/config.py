@@ -111,6 +111,15 @@ class PoolConfig(Leaf):
     """Longest frame gap that is linked."""
 
 
+class MatchingConfig(Leaf):
+    """Matches by appearance, for what flow loses (`decomotion/data/matching.py`)."""
+
+    intervals: tuple[int, ...]
+    """Frame gaps that are matched; empty: none."""
+    supporters: int = Field(ge=0, le=24)
+    """Of the 24 cells around a match, how many have to move likewise for it to be trusted."""
+
+
 class FilterConfig(Leaf):
     """Second thoughts about the links, as in OmniMotion (`decomotion/data/filtering.py`)."""
 
@@ -133,6 +142,7 @@ class DataConfig(Leaf):
     """Seconds that preparation should take at most: decides at how many gaps flow is computed."""
     flow: DisFlowConfig | RaftFlowConfig | FolderFlowConfig = Field(discriminator="kind")
     pool: PoolConfig
+    matching: MatchingConfig
     filters: FilterConfig
     tracks: str | None
     """File of tracks from any tracker (`docs/formats.md`), as further correspondences; null: none."""

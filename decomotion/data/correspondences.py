@@ -27,6 +27,7 @@ from decomotion.config import DataConfig
 from decomotion.data import linking
 from decomotion.data.flow import Field, FlowEstimator
 from decomotion.data.intervals import choose_intervals, pairs_of
+from decomotion.data.matching import MatchStore
 from decomotion.data.pool import pack
 from decomotion.data.sampling import sample_image
 from decomotion.data.stages import write_whole
@@ -132,7 +133,11 @@ def build_links(
     create = partial(np.lib.format.open_memmap, mode="w+")
     targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
     confidence = create(folder / "confidence.npy", dtype=np.uint8, shape=(frames, frames, count))
-    _link(clip, config, points, fields, intervals, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress)
+    matches = MatchStore(clip, config.matching, progress)
+    matched = time.monotonic()
+    _link(
+        clip, config, points, fields, intervals, matches, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress
+    )
     side = max(clip.height, clip.width)
     for frame in range(frames):
         targets[frame, frame] = pack(shown[frame], side)
@@ -150,7 +155,11 @@ def build_links(
         "points": count,
         "on_grid": on_grid,
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
-        "seconds": {"flow": computed - begin, "links": time.monotonic() - computed},
+        "seconds": {
+            "flow": computed - begin,
+            "matches": matched - computed,
+            "links": time.monotonic() - matched,
+        },
     }
 
 
@@ -184,6 +193,7 @@ def _link(
     points: npt.NDArray[np.float32],
     field: linking.FieldLookup,
     intervals: tuple[int, ...],
+    matches: MatchStore,
     targets: npt.NDArray[np.uint16],
     confidence: npt.NDArray[np.uint8],
     progress: bool,
@@ -195,7 +205,14 @@ def _link(
     with tqdm(total=2 * len(clip), desc="link", disable=not progress, leave=False) as bar:
         for step in (1, -1):
             for links in linking.link(
-                on_raster, field, intervals, config.pool.cycle_threshold, config.pool.max_gap, step
+                on_raster,
+                field,
+                intervals,
+                config.pool.cycle_threshold,
+                config.pool.max_gap,
+                step,
+                matches,
+                matches.intervals,
             ):
                 in_pixels = (links.xy + 0.5) / shrink - 0.5
                 targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))

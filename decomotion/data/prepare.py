@@ -27,7 +27,7 @@ from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.data.tracks import UserTracks, read_tracks
 from decomotion.errors import SupervisionError
 
-VERSIONS = {"links": 4, "features": 1, "filter": 1, "motion": 1}
+VERSIONS = {"links": 5, "features": 1, "filter": 1, "motion": 1}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 MIN_POINTS = 256
@@ -165,6 +165,7 @@ class _Work:
             points=self.count,
             cycle_threshold=config.pool.cycle_threshold,
             max_gap=config.pool.max_gap,
+            matching=config.matching.model_dump(mode="json"),
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
 
