@@ -65,8 +65,7 @@ def _from_publisher() -> nn.Module:
 
 def _check_reachable() -> None:
     """Raises `OSError` at once where the weights are neither at hand nor reachable: the hub's retries take minutes."""
-    repository = timm.get_pretrained_cfg(DOWNLOADED).hf_hub_id
-    if isinstance(try_to_load_from_cache(repository, HUB_FILE), str):
+    if isinstance(try_to_load_from_cache(f"timm/{DOWNLOADED}", HUB_FILE), str):
         return
     with suppress(HTTPError):  # an answer, if only that
         urlopen(Request(ENDPOINT, method="HEAD"), timeout=REACH_SECONDS).close()
