@@ -22,6 +22,8 @@ TILE = 320
 """Longer side of a picture in pixels."""
 MARGIN, LINE = 8, 22
 MASK_COLOUR = np.array([255, 60, 60])
+UNKNOWN_COLOUR = 128
+"""Grey, where there is no link; white is no motion."""
 
 Image = npt.NDArray[np.uint8]
 
@@ -38,7 +40,9 @@ def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:
     count = grid[0] * grid[1]
     flows = [_displacement(pool, frame, _other(shown, frame), count) for frame in shown]
     stacked = torch.from_numpy(np.stack(flows).reshape(len(shown), *grid, 2))
-    colours = flow_to_image(stacked.permute(0, 3, 1, 2).contiguous())
+    colours = flow_to_image(stacked.permute(0, 3, 1, 2).contiguous()).permute(0, 2, 3, 1).numpy().reshape(-1, count, 3)
+    for number, frame in enumerate(shown):
+        colours[number, pool.confidence[frame, _other(shown, frame), :count] == 0] = UNKNOWN_COLOUR
     features = _feature_colours(pool, shown, count)
     rows = []
     for number, frame in enumerate(shown):
@@ -47,7 +51,7 @@ def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:
         rows.append(
             [
                 _tile(_with_mask(clip.frames[frame], pool, frame, grid), clip, f"frame {frame}"),
-                _tile(_on_grid(colours[number].permute(1, 2, 0).numpy(), grid), clip, f"to frame {other}"),
+                _tile(_on_grid(colours[number], grid), clip, f"to frame {other}"),
                 _tile(_heat(pool.confidence[frame, other, :count] / 255, grid), clip, f"in frame {other}"),
                 _tile(_heat(linked, grid), clip, f"{linked.mean():.0%} in the mean"),
                 _tile(_on_grid(features[number], grid), clip, f"{pool.feature_size} channels"),

@@ -164,7 +164,8 @@ class TestDino:
         def unreachable(*_: object, **__: object) -> None:
             raise OSError("no route")
 
-        monkeypatch.setattr("timm.create_model", unreachable)
+        monkeypatch.setattr("decomotion.data.features.dino.urlopen", unreachable)
+        monkeypatch.setattr("decomotion.data.features.dino.try_to_load_from_cache", lambda *_: None)
         with pytest.raises(SupervisionError, match=r"DINO cannot be downloaded.*--feature-weights.*densesift"):
             extractor("dino")
 

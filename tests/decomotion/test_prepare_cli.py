@@ -112,7 +112,8 @@ def test_the_paper_preset_without_internet(
         raise OSError("no route")
 
     monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", unreachable)
-    monkeypatch.setattr("timm.create_model", unreachable)
+    monkeypatch.setattr("decomotion.data.features.dino.urlopen", unreachable)
+    monkeypatch.setattr("decomotion.data.features.dino.try_to_load_from_cache", lambda *_: None)
     assert main([str(frames), "--preset", "paper"]) == 2
     assert "raft-large cannot be downloaded" in capsys.readouterr().err
     assert main([str(frames), "--preset", "paper", "--flow", "dis"]) == 2

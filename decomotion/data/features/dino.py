@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import numpy as np
 import numpy.typing as npt
 import timm
 import torch
 import torch.nn.functional as F
+from huggingface_hub import try_to_load_from_cache
+from huggingface_hub.constants import ENDPOINT
 from torch import Tensor, nn
 
 from decomotion.data.features.interface import FeatureMap, resized
@@ -21,6 +26,9 @@ SIZES = {384: "small", 768: "base"}
 """timm's names of the transformers by their channels."""
 DINO_SIDE = 512
 """Frames are brought to this longer side: 64 patches of 8 pixels."""
+HUB_FILE = "model.safetensors"
+"""Under which timm's repositories hold their weights."""
+REACH_SECONDS = 10.0
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of ImageNet's colours, on which DINO was trained."""
 
@@ -46,11 +54,21 @@ class DinoFeatures:
 
 
 def _from_publisher() -> nn.Module:
+    def load() -> nn.Module:
+        _check_reachable()
+        return timm.create_model(DOWNLOADED, pretrained=True, num_classes=0, dynamic_img_size=True)
+
     return downloaded(
-        lambda: timm.create_model(DOWNLOADED, pretrained=True, num_classes=0, dynamic_img_size=True),
-        "DINO",
-        "give a file with --feature-weights, or take --features densesift, which needs none",
+        load, "DINO", "give a file with --feature-weights, or take --features densesift, which needs none"
     )
+
+
+def _check_reachable() -> None:
+    """Raises `OSError` at once where the weights are neither at hand nor reachable: the hub's retries take minutes."""
+    if isinstance(try_to_load_from_cache(f"timm/{DOWNLOADED}", HUB_FILE), str):
+        return
+    with suppress(HTTPError):  # an answer, if only that
+        urlopen(Request(ENDPOINT, method="HEAD"), timeout=REACH_SECONDS).close()
 
 
 def _from_file(weights: str) -> nn.Module:
