@@ -28,11 +28,9 @@ from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
 
 SIDE = 256
-"""Longer side at which frames are described; the coarser scale is half of it."""
-STRIDE = 2
-"""Pixels of that between descriptors."""
+"""Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
 CELL = 2
-"""Descriptors of a cell's side: cells are compared by the one in their middle."""
+"""Descriptors along a cell's side."""
 CHANNELS = 64
 """Of a descriptor after PCA."""
 COLOUR_WEIGHT = 2.0
@@ -40,7 +38,7 @@ COLOUR_WEIGHT = 2.0
 COLOUR_BLUR = 1.5
 """Standard deviation in pixels with which colours are smoothed."""
 REACH = 2
-"""Descriptors around a cell's best match among which it is refined."""
+"""Descriptors on each side of a cell's best match among which it is refined."""
 MUTUAL_CELLS = 1.5
 """A match is mutual if the way there and back ends this near to where it began."""
 NEIGHBOURHOOD = 2
@@ -84,11 +82,9 @@ class MatchStore:
         """From frame `first` to frame `second`."""
         return self._matches[first, second]
 
-    def _both_ways(
-        self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]
-    ) -> tuple[Matches, Matches]:
+    def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
         with torch.inference_mode():
-            cells_a, cells_b = _cells(a), _cells(b)
+            cells_a, cells_b = _pooled(a), _pooled(b)
             similarity = cells_a.flatten(0, 1) @ cells_b.flatten(0, 1).T
             best_ab, best_ba = similarity.argmax(1), similarity.argmax(0)
             width = cells_a.shape[1]
@@ -104,40 +100,39 @@ class MatchStore:
 
 
 def describe(clip: Clip) -> Float[Tensor, "frame h w channel"]:
-    """Descriptors every `STRIDE` pixels of every frame, float16 of unit norm."""
-    samples = [_describe(clip.frames[t])[:: 2 * STRIDE, :: 2 * STRIDE] for t in range(0, len(clip), 4)]
-    reduce = fit_reduction(np.stack(samples), CHANNELS)
-    maps = [reduce(_describe(frame)[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]) for frame in clip.frames]
-    return torch.from_numpy(np.stack(maps).astype(np.float16))
-
-
-def _describe(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """[h, w, channel] at every pixel of the reduced frame: SIFT at two scales and the smoothed colour."""
+    """Descriptors of every frame, float16 of unit norm."""
     sift = DenseSift()
-    fine = resized(frame, SIDE, multiple=2 * STRIDE)
-    size = (fine.shape[1], fine.shape[0])
-    coarse = sift(resized(fine, SIDE // 2))
-    enlarged = [cv2.resize(np.ascontiguousarray(coarse[..., first : first + 4]), size) for first in range(0, 128, 4)]
+    samples = [_describe(frame, sift)[::2, ::2] for frame in clip.frames[::4]]
+    reduce = fit_reduction(np.stack(samples), CHANNELS)
+    return torch.from_numpy(np.stack([reduce(_describe(frame, sift)).astype(np.float16) for frame in clip.frames]))
+
+
+def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.float32]:
+    """[h, w, channel] on half the raster of the reduced frame: SIFT at two scales and the smoothed colour."""
+    fine = resized(frame, SIDE, multiple=2 * CELL)
     lab = cv2.cvtColor(cv2.GaussianBlur(fine, (0, 0), COLOUR_BLUR), cv2.COLOR_RGB2LAB)
-    return np.concatenate([sift(fine), *enlarged, COLOUR_WEIGHT * (lab.astype(np.float32) / 255 - 0.5)], axis=-1)
+    colour = COLOUR_WEIGHT * (lab.astype(np.float32) / 255 - 0.5)
+    halved = (fine.shape[1] // 2, fine.shape[0] // 2)
+    coarse = sift(cv2.resize(fine, halved, interpolation=cv2.INTER_AREA))
+    return np.concatenate([_pooled(torch.from_numpy(sift(fine))), coarse, _pooled(torch.from_numpy(colour))], axis=-1)
 
 
-def _cells(image: Float[Tensor, "h w channel"]) -> Float[Tensor, "row column channel"]:
-    """The descriptors in the middle of the cells."""
-    return image[CELL // 2 :: CELL, CELL // 2 :: CELL]
+def _pooled(image: Float[Tensor, "h w channel"]) -> Float[Tensor, "row column channel"]:
+    """Means of squares of 2 x 2."""
+    return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
 
 
 def _refined(
     cells: Float[Tensor, "row column channel"], other: Float[Tensor, "h w channel"], best: Int[Tensor, " cell"]
 ) -> Float[Tensor, "row column 2"]:
-    """Displacements in cells to the most similar descriptors near each cell's `best` cell, by a parabola between them."""
+    """Displacements in cells to the most similar descriptor near each cell's `best` cell, refined by a parabola."""
     rows, columns, channels = cells.shape
     height, width = other.shape[:2]
-    side = 2 * REACH + 1
-    centre_y, centre_x = (best // columns) * CELL + CELL // 2, (best % columns) * CELL + CELL // 2
-    offset = torch.arange(-REACH, REACH + 1)
-    y = (centre_y[:, None] + offset).clamp(0, height - 1)[:, :, None].expand(-1, side, side)
-    x = (centre_x[:, None] + offset).clamp(0, width - 1)[:, None, :].expand(-1, side, side)
+    side = 2 * REACH + CELL
+    corner_y, corner_x = best // columns * CELL, best % columns * CELL
+    offset = torch.arange(-REACH, REACH + CELL)
+    y = (corner_y[:, None] + offset).clamp(0, height - 1)[:, :, None].expand(-1, side, side)
+    x = (corner_x[:, None] + offset).clamp(0, width - 1)[:, None, :].expand(-1, side, side)
     near = other.flatten(0, 1)[(y * width + x).flatten()].reshape(-1, side * side, channels)
     similarity = torch.einsum("pc,poc->po", cells.flatten(0, 1), near)
     top = similarity.argmax(1)
@@ -147,9 +142,9 @@ def _refined(
     found_x = x[each, row, column] + _peak(grid[each, row], column)
     found_y = y[each, row, column] + _peak(grid[each, :, column], row)
     own = torch.arange(rows * columns)
-    moved_x = found_x - ((own % columns) * CELL + CELL // 2)
-    moved_y = found_y - ((own // columns) * CELL + CELL // 2)
-    return (torch.stack([moved_x, moved_y], dim=-1) / CELL).reshape(rows, columns, 2)
+    middle = (CELL - 1) / 2
+    moved = torch.stack([found_x - own % columns * CELL - middle, found_y - own // columns * CELL - middle], dim=-1)
+    return (moved / CELL).reshape(rows, columns, 2)
 
 
 def _peak(values: Float[Tensor, "cell sample"], top: Int[Tensor, " cell"]) -> Float[Tensor, " cell"]:
