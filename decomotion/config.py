@@ -310,6 +310,10 @@ class OptimConfig(Leaf):
     """Share of the correspondences that are drawn by their last known error."""
     smooth_share: float = Field(ge=0, le=1)
     """Share of the correspondences at which scene-flow smoothness is evaluated."""
+    candidates: int = Field(ge=1)
+    """Points drawn for each that a batch takes: those whose target is known are taken first."""
+    moving_share: float = Field(ge=0, le=0.9)
+    """Least share of the correspondences that is drawn from what moves; 0: as much as it covers."""
     count_maps: bool
     """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)
