@@ -47,7 +47,9 @@ def test_a_known_shift_is_found() -> None:
 def test_a_frame_matches_itself_where_it_is() -> None:
     image = textured(1)
     matches = matched(image, image)(0, 1)
-    assert_allclose(matches.displacement[matches.trusted], 0, atol=0.26)
+    off = np.abs(matches.displacement[matches.trusted])
+    assert off.max() <= 0.51  # a descriptor beside the cell's middle
+    assert off.mean() < 0.1
 
 
 def test_other_content_is_not_trusted() -> None:
