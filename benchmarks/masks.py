@@ -19,8 +19,7 @@ from decomo_eval.dataset import read_dataset
 from decomotion.clip import Clip
 from decomotion.config import load
 from decomotion.data.masks import auto_masks
-from decomotion.data.pool import grid_shape
-from decomotion.data.prepare import prepare
+from decomotion.data.prepare import prepare_in_stages
 
 Mask = npt.NDArray[np.bool_]
 
@@ -43,10 +42,10 @@ def main(dataset: str, truth: str, clips: str | None, preset: str) -> None:
     scores = []
     for name in clips.split(",") if clips else videos:
         frames = videos[name].frames()
-        pool = prepare(Clip(name, frames, 24.0), config, progress=False)
-        grid = grid_shape(*frames.shape[1:3], config.pool.points_per_frame)
+        prepared = prepare_in_stages(Clip(name, frames, 24.0), config, progress=False)
+        pool = prepared.pool
         begin = time.monotonic()
-        mask = auto_masks(frames, pool.points, pool.targets, pool.confidence, grid)
+        mask = auto_masks(frames, pool.points, pool.targets, pool.confidence, prepared.grid)
         seconds = time.monotonic() - begin
         scores.append(intersection_over_union(mask, drawn[name]))
         click.echo(f"| {name} | {scores[-1]:.3f} | {mask.mean():.3f} | {drawn[name].mean():.3f} | {seconds:.1f} |")

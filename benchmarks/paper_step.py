@@ -1,6 +1,6 @@
 """Time, memory and operations of one optimisation step of the `paper` preset at full size.
 
-    python benchmarks/paper_step.py [--feature-size 768] [--steps 2] [--set KEY=VALUE ...] [--json FILE]
+    python benchmarks/paper_step.py [--feature-size 768] [--steps 2] [--autocast bf16] [--set KEY=VALUE] [--json FILE]
 
 Full size: 8 pairs x 256 points x 32 samples, 768-channel features (as DINO's), a 256x256 clip of 32 frames. The clip
 and its correspondences are random: a step costs the same whatever they show.
@@ -50,11 +50,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--feature-size", type=int, default=768)
     parser.add_argument("--steps", type=int, default=2)
+    parser.add_argument(
+        "--autocast", choices=["none", "bf16"], help="precision of hidden layers; default: the preset's"
+    )
     parser.add_argument("--set", action="append", default=[], dest="overrides")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
-    config = configuration.load("paper", overrides=tuple(arguments.overrides))
+    overrides = tuple(arguments.overrides)
+    if arguments.autocast is not None:
+        overrides += (f"optim.autocast={arguments.autocast}",)
+    config = configuration.load("paper", overrides=overrides)
     torch.manual_seed(0)
     pool = random_pool(32, 2048, 256, arguments.feature_size)
     starts = (start_maps("identity", pool), start_maps("identity", pool))
@@ -78,7 +84,8 @@ def main() -> None:
         "torch": torch.__version__,
         "threads": torch.get_num_threads(),
         "machine": platform.processor() or platform.machine(),
-        "overrides": arguments.overrides,
+        "autocast": config.optim.autocast,
+        "overrides": overrides,
     }
     print(json.dumps(record, indent=2))
     if arguments.json:

@@ -88,15 +88,17 @@ def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
     config = configuration.parse(content["config"], source)
     clip = ClipFacts(**content["clip"])
     state = content["model"]
-    starts = (state["static.affine.start"], state["dynamic.affine.start"])
+    identity = torch.eye(3, 4).repeat(clip.num_frames, 1, 1)  # of a volume that is not there
+    starts = (state.get("static.affine.start", identity), state.get("dynamic.affine.start", identity))
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
     return Checkpoint(config, clip, model, content["training"])
 
 
 def latest_run(root: Path = Path("runs")) -> Path:
-    """The run whose checkpoint was written last."""
-    runs = sorted(root.glob(f"*/{FILE_NAME}"), key=lambda file: file.stat().st_mtime)
-    if not runs:
+    """The run whose checkpoint was written last; of a clip that was split into shots, the folder of all of them."""
+    checkpoints = [*root.glob(f"*/{FILE_NAME}"), *root.glob(f"*/shot-*/{FILE_NAME}")]
+    if not checkpoints:
         raise CheckpointError(f"there is no run in {root.resolve()}; train first with decomo-train, or give --run")
-    return runs[-1].parent
+    folder = max(checkpoints, key=lambda file: file.stat().st_mtime).parent
+    return folder if folder.parent == root else folder.parent

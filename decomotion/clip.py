@@ -48,6 +48,10 @@ class Clip:
         """Of every frame, in pixels."""
         return self.frames.shape[2]
 
+    def part(self, begin: int, end: int, name: str) -> Clip:
+        """The frames from `begin` up to but without `end`, as a clip of its own, named after this one."""
+        return Clip(f"{self.name}-{name}", self.frames[begin:end], self.fps)
+
     def digest(self) -> str:
         """Hash of the frames' content, shape included: the key under which all that is derived from them is kept."""
         content = hashlib.sha256(repr(self.frames.shape).encode())
@@ -58,9 +62,14 @@ class Clip:
 def read_clip(path: str | Path) -> Clip:
     """Reads a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png, natural order) or a video file.
 
+    With `@A:B` behind the path, the frames from A up to but without B: a shot of a longer video.
+
     Raises `ClipError` where there are fewer than two frames, frames of different sizes, or one that does not decode.
     """
     path = Path(path)
+    part = re.fullmatch(r"(.+)@(\d+):(\d+)", str(path))
+    if part is not None and not path.exists():
+        return _part(read_clip(part[1]), int(part[2]), int(part[3]))
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
     name, (frames, fps) = (
@@ -69,6 +78,12 @@ def read_clip(path: str | Path) -> Clip:
     if len(frames) < 2:
         raise ClipError(f"{path} has one frame; motion needs at least two")
     return Clip(name, np.stack(frames), fps)
+
+
+def _part(clip: Clip, begin: int, end: int) -> Clip:
+    if not begin + 1 < end <= len(clip):
+        raise ClipError(f"{clip.name} has frames 0 to {len(clip) - 1}; @{begin}:{end} is not two or more of them")
+    return clip.part(begin, end, f"{begin}-{end}")
 
 
 def _folder_name(path: Path) -> str:

@@ -10,11 +10,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from decomotion.errors import ConfigError
 
-PRESETS = ("cpu", "paper")
+PRESETS = ("cpu", "omnimotion", "paper")
+EXTENDS = "extends"
+"""Key of a file that builds on a preset."""
+ESTIMATORS = {"dis": "cpu", "raft-small": "paper", "raft-large": "paper"}
+"""Flow estimators, and the preset whose file holds each one's settings."""
 
 
 class Leaf(BaseModel):
@@ -37,29 +41,61 @@ class Schedule(Leaf):
 
 
 class FlowConfig(Leaf):
-    """Optical flow between frames (OpenCV's DIS)."""
+    """Optical flow between frames: what every estimator has."""
 
+    field_side: int = Field(ge=32)
+    """Longer side in pixels that the kept fields may have at most."""
+    intervals: Literal["geometric", "all"] | tuple[int, ...]
+    """Frame gaps at which flow is computed directly, both ways; all longer ones are linked from these. `geometric`: 1,
+    2, 4, … as many as the budget affords; `all`: every gap where it affords that; or a list, which is never cut short
+    and has to hold 1."""
+    longest_interval: int = Field(ge=1)
+    """`geometric` stops here."""
+
+    @field_validator("intervals")
+    @classmethod
+    def _steps_of_one(cls, intervals: str | tuple[int, ...]) -> str | tuple[int, ...]:
+        if not isinstance(intervals, str) and (1 not in intervals or min(intervals) < 1):
+            raise ValueError("gaps must be positive and one of them 1, to reach every frame")
+        return intervals
+
+
+class DisFlowConfig(FlowConfig):
+    """OpenCV's DIS."""
+
+    kind: Literal["dis"]
     upsample: float = Field(gt=0)
     """Factor by which frames are enlarged first: DIS loses small displacements at its native resolution."""
     max_side: int = Field(ge=32)
     """Longer side in pixels that the enlarged frames may have at most."""
-    field_side: int = Field(ge=32)
-    """Longer side in pixels that the kept fields may have at most."""
     patch_stride: int = Field(ge=1)
-    """DIS: pixels between patches."""
+    """Pixels between patches."""
     descent_iterations: int = Field(ge=1)
-    """DIS: gradient descent iterations per patch."""
+    """Gradient descent iterations per patch."""
     refinement_iterations: int = Field(ge=0)
-    """DIS: variational refinement iterations."""
-    intervals: tuple[int, ...]
-    """Frame gaps at which flow is computed directly, both ways; all longer ones are linked from these. 1 is needed."""
+    """Variational refinement iterations."""
 
-    @field_validator("intervals")
-    @classmethod
-    def _steps_of_one(cls, intervals: tuple[int, ...]) -> tuple[int, ...]:
-        if 1 not in intervals or min(intervals) < 1:
-            raise ValueError("gaps must be positive and one of them 1, to reach every frame")
-        return intervals
+
+class RaftFlowConfig(FlowConfig):
+    """RAFT (torchvision's)."""
+
+    kind: Literal["raft-small", "raft-large"]
+    upsample: float = Field(gt=0)
+    """Factor by which frames are enlarged first."""
+    max_side: int = Field(ge=128)
+    """Longer side in pixels that the enlarged frames may have at most."""
+    iterations: int = Field(ge=1)
+    """Updates of the flow."""
+    weights: str | None
+    """File of weights, torchvision's or the original checkpoint; null: torchvision's default, by download."""
+
+
+class FolderFlowConfig(FlowConfig):
+    """The user's own fields."""
+
+    kind: Literal["folder"]
+    path: str
+    """Folder of `<i>_<j>.npy` or `<i>_<j>.flo`: the field from frame i to frame j."""
 
 
 class PoolConfig(Leaf):
@@ -67,23 +103,65 @@ class PoolConfig(Leaf):
 
     points_per_frame: int = Field(ge=16)
     """Points of each frame that are linked to all other frames."""
+    disk_limit: int = Field(ge=1)
+    """MiB that the pool may take on disk: a long clip gets fewer points a frame."""
     cycle_threshold: float = Field(gt=0)
     """Forward-backward error in pixels of a 256-pixel frame above which a hop counts as an occlusion."""
     max_gap: int = Field(ge=1)
     """Longest frame gap that is linked."""
 
 
+class MatchingConfig(Leaf):
+    """Matches by appearance, for what flow loses (`decomotion/data/matching.py`)."""
+
+    intervals: tuple[int, ...]
+    """Frame gaps that are matched; empty: none."""
+    supporters: int = Field(ge=0, le=24)
+    """Of the 24 cells around a match, how many have to move likewise for it to be trusted."""
+
+
+class FilterConfig(Leaf):
+    """Second thoughts about the links, as in OmniMotion (`decomotion/data/filtering.py`)."""
+
+    cycle: float | None = Field(gt=0)
+    """Links whose way there and back misses by more than this, in pixels of a 256-pixel frame, go; null: none."""
+    appearance: float | None = Field(ge=-1, le=1)
+    """Links to a place whose feature has a smaller cosine similarity are dropped; null: none."""
+    appearance_gap: int = Field(ge=1)
+    """The shortest frame gap at which `appearance` looks."""
+    second_look: float | None = Field(gt=0, le=1)
+    """Confidence given to links onto hidden places that a second cycle confirms; null: they stay unknown."""
+    second_look_gap: int = Field(ge=1)
+    """The longest frame gap of these."""
+
+
 class DataConfig(Leaf):
     """What is prepared from the clip before the fit."""
 
-    flow: FlowConfig
+    prepare_budget: float = Field(gt=0)
+    """Seconds that preparation should take at most: decides at how many gaps flow is computed."""
+    flow: DisFlowConfig | RaftFlowConfig | FolderFlowConfig = Field(discriminator="kind")
     pool: PoolConfig
-    features: Literal["densesift", "none"]
-    """Dense features to render: kornia's dense SIFT, which needs no weights, or none."""
+    matching: MatchingConfig
+    filters: FilterConfig
+    tracks: str | None
+    """File of tracks from any tracker (`docs/formats.md`), as further correspondences; null: none."""
+    features: Literal["densesift", "aliked", "dino", "none"]
+    """Dense features to render: kornia's dense SIFT, which needs no weights, its ALIKED, DINO (timm), or none."""
+    feature_weights: str | None
+    """File of weights for `aliked` or `dino`; null: their publishers', by download."""
     feature_size: int = Field(ge=0)
     """Features are reduced by PCA to this many channels; 0 keeps them all."""
     masks: str
     """`auto` (flow's residual to the camera motion), `none`, or a folder of mask images (white: moving)."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> DataConfig:
+        if self.feature_weights is not None and self.features not in ("aliked", "dino"):
+            raise ValueError(f"feature_weights go with features aliked or dino, not {self.features}")
+        if self.filters.appearance is not None and self.features == "none":
+            raise ValueError("filters.appearance compares features, but features are none")
+        return self
 
 
 class TimeCodeConfig(Leaf):
@@ -189,8 +267,10 @@ class VolumeConfig(Leaf):
 
 
 class ModelConfig(Leaf):
-    """The fused model."""
+    """The model: two volumes and their fusion, or one of them alone."""
 
+    volumes: Literal["fused", "static", "dynamic"]
+    """Both volumes, or one that explains everything, as in OmniMotion; losses of the other are then not computed."""
     samples: int = Field(ge=2)
     """Samples on a ray."""
     normalise_weights: bool
@@ -230,8 +310,10 @@ class OptimConfig(Leaf):
     """Share of the correspondences that are drawn by their last known error."""
     smooth_share: float = Field(ge=0, le=1)
     """Share of the correspondences at which scene-flow smoothness is evaluated."""
-    count_maps: bool
-    """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
+    candidates: int = Field(ge=1)
+    """Points drawn for each that a batch takes: those whose target is known are taken first."""
+    moving_share: float = Field(ge=0, le=0.9)
+    """Least share of the correspondences that is drawn from what moves; 0: as much as it covers."""
     count_maps: bool
     """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)
@@ -239,7 +321,7 @@ class OptimConfig(Leaf):
     clip_norm: float = Field(gt=0)
     """Norm to which the whole model's gradient is cut where it is larger."""
     autocast: Literal["none", "bf16"]
-    """Precision of matrix products."""
+    """Precision of the products of MLPs' hidden layers (`decomotion/model/precision.py`); all else is float32."""
 
 
 class LogConfig(Leaf):
@@ -266,11 +348,30 @@ class Config(Leaf):
     log: LogConfig
 
 
-def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+def load(
+    preset: str = "cpu",
+    file: str | Path | None = None,
+    overrides: tuple[str, ...] = (),
+    flow: str | None = None,
+) -> Config:
     """Reads a preset (or `file`, in the same form) and applies `overrides` of the form `a.b.c=value`.
+
+    A file with the key `extends` names a preset and holds only what differs from it.
+
+    `flow` exchanges the estimator first: `dis` with the settings of the `cpu` preset, `raft-small` or `raft-large`
+    with those of `paper`, or a folder of fields.
 
     Raises `ConfigError` naming the key that is unknown, missing or of the wrong type.
     """
+    tree, source = _read(preset, file)
+    if flow is not None:
+        _exchange_flow(tree, flow, source)
+    for override in overrides:
+        _apply(tree, override)
+    return parse(tree, source)
+
+
+def _read(preset: str, file: str | Path | None) -> tuple[dict[str, Any], str]:
     source = Path(file) if file is not None else files("decomotion") / "configs" / f"{preset}.yaml"
     if file is None and preset not in PRESETS:
         raise ConfigError(f"preset {preset!r} is unknown; choose one of {', '.join(PRESETS)}")
@@ -282,9 +383,40 @@ def load(preset: str = "cpu", file: str | Path | None = None, overrides: tuple[s
         raise ConfigError(f"config file {source} is not YAML: {error}") from error
     if not isinstance(tree, dict):
         raise ConfigError(f"config file {source} does not hold a mapping of keys")
-    for override in overrides:
-        _apply(tree, override)
-    return parse(tree, str(source))
+    if EXTENDS in tree:
+        base, _ = _read(str(tree.pop(EXTENDS)), None)
+        tree = _merged(base, tree)
+    return tree, str(source)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with the values of `changes`, mapping by mapping; a mapping of another `kind` takes the place whole."""
+    merged = dict(base)
+    for key, value in changes.items():
+        former = base.get(key)
+        if (
+            isinstance(value, dict)
+            and isinstance(former, dict)
+            and value.get("kind", former.get("kind")) == former.get("kind")
+        ):
+            value = _merged(former, value)
+        merged[key] = value
+    return merged
+
+
+def _exchange_flow(tree: dict[str, Any], flow: str, source: str) -> None:
+    former = tree.get("data", {}).get("flow") if isinstance(tree.get("data"), dict) else None
+    if not isinstance(former, dict):
+        raise ConfigError(f"{source}: data.flow: field required; see decomotion/config.py for the keys")
+    if flow in (former.get("kind"), ""):
+        return
+    if flow in ESTIMATORS:
+        preset, _ = _read(ESTIMATORS[flow], None)
+        own = {**preset["data"]["flow"], "kind": flow}
+    else:
+        own = {"kind": "folder", "path": flow}
+    common = {key: former[key] for key in FlowConfig.model_fields if key in former}
+    tree["data"]["flow"] = {**own, **common}
 
 
 def parse(tree: Any, source: str) -> Config:
@@ -293,8 +425,19 @@ def parse(tree: Any, source: str) -> Config:
         return Config.model_validate(tree)
     except ValidationError as error:
         first = max(error.errors(), key=lambda each: len(each["loc"]))  # of a union, the form that was meant
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(_path_in(tree, first["loc"]))
         raise ConfigError(f"{source}: {key}: {first['msg'].lower()}; see decomotion/config.py for the keys") from error
+
+
+def _path_in(tree: Any, location: tuple[int | str, ...]) -> list[str]:
+    """The keys that lead to an error's place: pydantic's location without the kinds of the leaves on the way."""
+    path: list[str] = []
+    for part in location:
+        if isinstance(tree, dict) and part not in tree and part == tree.get("kind"):
+            continue
+        path.append(str(part))
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    return path
 
 
 def _apply(tree: dict[str, Any], override: str) -> None:

@@ -28,9 +28,11 @@ from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
-from decomotion.losses import LOSSES, check_names
+from decomotion.losses import LOSSES, applicable, check_names
 from decomotion.model.fusion import DecoMotion
+from decomotion.model.precision import set_precision
 from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+from decomotion.shots import check_one_shot
 
 log = logging.getLogger(__name__)
 
@@ -65,6 +67,7 @@ def fit(
     seed: int = 0,
     device: str = "auto",
     progress: bool = True,
+    ignore_cuts: bool = False,
 ) -> Path:
     """Fits one model to one clip.
 
@@ -79,10 +82,12 @@ def fit(
         seed: seed of everything random.
         device: `auto`, `cpu`, `cuda` or any name torch knows.
         progress: show a progress bar.
+        ignore_cuts: fit the clip even where it cuts from one shot to another.
 
     Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
 
-    Raises: `ClipError`, `SupervisionError`, `CheckpointError`; `TrainingError` where a loss is not a number.
+    Raises: `ClipError` where the clip cannot be read or has cuts, `SupervisionError`, `CheckpointError`;
+        `TrainingError` where a loss is not a number.
     """
     begin = time.monotonic()
     clip = clip if isinstance(clip, Clip) else read_clip(clip)
@@ -93,6 +98,8 @@ def fit(
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
         check_names(config.loss)
+        if not ignore_cuts:
+            check_one_shot(clip)
         run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
     if steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
@@ -116,7 +123,7 @@ def choose_device(name: str) -> str:
 def _fresh(
     folder: Path, clip: Clip, config: Config, device: torch.device, seed: int, rebuild: bool, progress: bool
 ) -> Run:
-    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress)
+    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
     torch.manual_seed(seed)
     plane = ImagePlane(clip.height, clip.width)
     starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
@@ -135,7 +142,8 @@ def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
             f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
             f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
         )
-    run = Run(folder, saved.clip, saved.config, saved.model, prepare(clip, saved.config.data), saved.training["seed"])
+    pool = prepare(clip, saved.config.data, device=str(device))
+    run = Run(folder, saved.clip, saved.config, saved.model, pool, saved.training["seed"])
     run.restore(saved.training)
     return run
 
@@ -156,7 +164,9 @@ class Run:
     def __init__(self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int) -> None:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.sampler = Sampler(pool, config.optim)
+        set_precision(model, config.optim.autocast)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
+        self.losses = applicable(config.loss, config.model.volumes)
         self.budget = Budget(config.optim.steps)
         self.step = 0
         self.elapsed = 0.0
@@ -232,7 +242,7 @@ class Run:
         generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
         batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
         depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + (1 << 31) + self.step)
-        weights = {name: value_at(weight, progress) for name, weight in self.config.loss.items()}
+        weights = {name: value_at(weight, progress) for name, weight in self.losses.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base_lr"] * factor
@@ -257,11 +267,8 @@ class Run:
     ) -> dict[str, float]:
         """Adds the gradients of one part of a batch, which makes up `share` of it; returns its losses."""
         on_device = batch.to(self.device)
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.optim.autocast == "bf16"):
-            smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
-            prediction = self.model.predict(
-                on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points
-            )
+        smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
+        prediction = self.model.predict(on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points)
         losses = {name: LOSSES[name](prediction, on_device) for name, weight in weights.items() if weight > 0}
         values = {name: float(loss.detach()) for name, loss in losses.items()}
         for name, value in values.items():

@@ -27,8 +27,8 @@ SQUARE_START = np.array([2.0, 10.0], np.float32)
 """The square's upper left pixel in frame 0, (x, y)."""
 
 TINY = (
-    "data.flow.max_side=64",
-    "data.flow.intervals=[1,2,4]",
+    "data.flow={kind: dis, field_side: 512, intervals: [1, 2, 4], longest_interval: 16, upsample: 2, max_side: 64, "
+    "patch_stride: 3, descent_iterations: 25, refinement_iterations: 10}",
     "data.pool.points_per_frame=256",
     "optim.pairs=4",
     "optim.points=32",
@@ -69,7 +69,7 @@ TINY_PAPER = (
     ),
 )
 """The `paper` preset, likewise."""
-TINY_PRESETS = {"cpu": TINY_CPU, "paper": TINY_PAPER}
+TINY_PRESETS = {"cpu": TINY_CPU, "omnimotion": TINY_CPU, "paper": TINY_PAPER}
 
 
 def sliding_square(frames: int = FRAMES) -> Clip:
@@ -133,6 +133,7 @@ def tiny_model(
     width: int = 32,
     feature_size: int = 3,
     start: Tensor | None = None,
+    overrides: tuple[str, ...] = (),
 ) -> DecoMotion:
     """A model as it is before a fit; `start` are the affine maps [frame, 3, 4] of both volumes, default: identity."""
     import torch
@@ -142,7 +143,7 @@ def tiny_model(
     from decomotion.model.fusion import DecoMotion
 
     torch.manual_seed(0)
-    config = load(preset, overrides=TINY_PRESETS[preset]).model
+    config = load(preset, overrides=(*TINY_PRESETS[preset], *overrides)).model
     start = torch.eye(3, 4).repeat(frames, 1, 1) if start is None else start
     return DecoMotion(config, ImagePlane(height, width), (start, start.clone()), feature_size)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
+import numpy.typing as npt
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Generator, Tensor
 
 from decomotion.config import OptimConfig
@@ -56,7 +57,8 @@ class Sampler:
         self._config = config
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in pixels (OmniMotion's error maps)."""
-        self._cumulated = _cumulated_rarity(pool) if config.count_maps else None
+        uniform = not config.count_maps and config.moving_share == 0
+        self._cumulated = None if uniform else _cumulated_probability(pool, config)
 
     def draw(self, longest_gap: int, generator: Generator) -> Batch:
         """A batch whose pairs are at most `longest_gap` frames apart."""
@@ -71,7 +73,9 @@ class Sampler:
         target = torch.where(
             (target >= 0) & (target < frames), target, torch.where(frame * 2 < frames, frame + 1, frame - 1)
         )
-        point = self._draw_points(frame, generator)
+        candidates = self._draw_points(frame, generator)
+        known = pool.confidence[frame.numpy()[:, None], target.numpy()[:, None], candidates.numpy()] > 0
+        point = candidates.gather(1, _known_first(torch.from_numpy(known))[:, : config.points])
 
         i, j, p = frame.numpy()[:, None], target.numpy()[:, None], point.numpy()
         moving = pool.moving[i, p]
@@ -89,9 +93,10 @@ class Sampler:
         )
 
     def _draw_points(self, frame: Int[Tensor, " pair"], generator: Generator) -> Int[Tensor, "pair point"]:
+        """`candidates` times as many points as a batch needs; the hard ones among them come first."""
         config = self._config
         hard = round(config.points * config.hard_mining)
-        shape = (len(frame), config.points - hard)
+        shape = (len(frame), config.points * config.candidates - hard)
         if self._cumulated is None:
             drawn = torch.randint(self._pool.num_points, shape, generator=generator)
         else:
@@ -102,7 +107,7 @@ class Sampler:
         # a tournament of 4: the one with the largest known error of four random points
         rivals = torch.randint(self._pool.num_points, (len(frame), hard, 4), generator=generator)
         winner = self.errors[frame[:, None, None], rivals].argmax(dim=-1, keepdim=True)
-        return torch.cat([drawn, rivals.gather(-1, winner)[..., 0]], dim=-1)
+        return torch.cat([rivals.gather(-1, winner)[..., 0], drawn], dim=-1)
 
     def note_errors(self, batch: Batch, error: Float[Tensor, "pair point"]) -> None:
         """Remembers the position errors in pixels of a batch; those of unknown targets are left out."""
@@ -111,11 +116,31 @@ class Sampler:
         self.errors[frame, batch.point] = torch.where(batch.confidence > 0, 0.5 * old + 0.5 * error, 0.9 * old)
 
 
-def _cumulated_rarity(pool: Pool) -> Float[Tensor, "frame point"]:
-    """Cumulated probabilities of each frame's points: rarely linked ones are likelier, by 1 / sqrt(count + 1)."""
-    counts = np.stack([(confidence > 0).sum(axis=0) for confidence in pool.confidence])
-    rarity = np.cumsum(1 / np.sqrt(counts + 1.0), axis=-1)
-    return torch.from_numpy((rarity / rarity[:, -1:]).astype(np.float32))
+def _known_first(known: Bool[Tensor, "pair candidate"]) -> Int[Tensor, "pair candidate"]:
+    """An order of each pair's candidates in which those with a known target come first, otherwise as drawn."""
+    return torch.argsort((~known).to(torch.uint8), dim=-1, stable=True)
+
+
+def _cumulated_probability(pool: Pool, config: OptimConfig) -> Float[Tensor, "frame point"]:
+    """Cumulated probabilities of each frame's points."""
+    weight = np.ones(pool.moving.shape)
+    if config.count_maps:
+        counts = np.stack([(confidence > 0).sum(axis=0) for confidence in pool.confidence])
+        weight /= np.sqrt(counts + 1.0)
+    if config.moving_share:
+        weight *= _balance(np.asarray(pool.moving) == 1, config.moving_share)
+    cumulated = np.cumsum(weight, axis=-1)
+    return torch.from_numpy((cumulated / cumulated[:, -1:]).astype(np.float32))
+
+
+def _balance(moving: npt.NDArray[np.bool_], least: float) -> npt.NDArray[np.float64]:
+    """Weights [frame, point] that draw at least the share `least` of a frame's points from what moves.
+
+    The scene keeps half of `least` at least. A frame where all or nothing moves is left as it is.
+    """
+    share = moving.mean(axis=-1, keepdims=True)
+    wanted = np.where((share > 0) & (share < 1), np.clip(share, least, 1 - least / 2), share)
+    return np.where(moving, wanted / np.maximum(share, 1e-9), (1 - wanted) / np.maximum(1 - share, 1e-9))
 
 
 def _tensor(values: np.ndarray) -> Float[Tensor, "..."]:

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.data.pool import Positions
+
 RANSAC_UNITS = 1.0
 """Inliers of an affine fit lie this near, in pixels of a frame whose longer side is 256."""
 MIN_POINTS = 12
@@ -48,7 +50,7 @@ def homogeneous(matrix: Affine) -> Affine:
 
 def chain(
     points: npt.NDArray[np.float32],
-    targets: npt.NDArray[np.float32],
+    targets: Positions,
     usable: npt.NDArray[np.bool_],
     unit: float,
     similarity: bool = False,

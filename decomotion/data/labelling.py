@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.motion import RESIDUAL_NOISE, Evidence
+from decomotion.data.evidence import RESIDUAL_NOISE, Evidence
+from decomotion.data.pool import Positions
 
 Floats = npt.NDArray[np.float32]
 
@@ -47,7 +48,7 @@ class Links:
     """
 
     def __init__(
-        self, targets: Floats, confidence: npt.NDArray[np.uint8], grid: tuple[int, int], height: int, width: int
+        self, targets: Positions, confidence: npt.NDArray[np.uint8], grid: tuple[int, int], height: int, width: int
     ) -> None:
         self._targets, self._confidence, self._grid = targets, confidence, grid
         self._cells = np.array([grid[1] / width, grid[0] / height], np.float32)

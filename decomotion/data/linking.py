@@ -8,6 +8,8 @@ over its occlusion.
 
 Errors are counted in units of a pixel of a frame whose longer side is 256, so that thresholds mean the same at any
 resolution; positions are in pixels of the fields' raster.
+
+Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/matching.py`).
 """
 
 from __future__ import annotations
@@ -19,11 +21,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.data.matching import Matches
+
 Field = npt.NDArray[np.float32]
 FieldLookup = Callable[[int, int], Field]
+MatchLookup = Callable[[int, int], Matches]
 
 HOP_VARIANCE = 0.1**2
 """Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
+GAP_VARIANCE = 0.003
+"""Squared error, in units^2 per squared gap, that a hop adds as well: flow is less exact over longer gaps."""
+MATCH_VARIANCE = 0.3
+"""Squared error, in units^2, that a hop by a match adds."""
 CYCLE_SHARE = 0.3
 """Share of a hop's squared cycle error that is counted as its own squared error."""
 CYCLE_LIMIT = 20.0
@@ -65,7 +74,14 @@ def outside(xy: Field, height: int, width: int) -> npt.NDArray[np.bool_]:
 
 
 def link(
-    points: Field, field: FieldLookup, intervals: tuple[int, ...], cycle_threshold: float, max_gap: int, step: int
+    points: Field,
+    field: FieldLookup,
+    intervals: tuple[int, ...],
+    cycle_threshold: float,
+    max_gap: int,
+    step: int,
+    match: MatchLookup | None = None,
+    match_intervals: tuple[int, ...] = (),
 ) -> Iterator[Links]:
     """Carries the points of every frame through the clip in one direction.
 
@@ -76,6 +92,8 @@ def link(
         cycle_threshold: cycle error in units above which a hop ends on a hidden place.
         max_gap: longest gap between source and target.
         step: +1 to go forward in time, -1 backward.
+        match: `match(i, j)` are the matches from frame i to frame j.
+        match_intervals: the gaps for which `match` can be asked.
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
@@ -90,7 +108,14 @@ def link(
                 continue
             start = reached[origin]
             start = start.keep(np.abs(start.sources - target) <= max_gap)
-            best = _better(best, _hop(start, field(origin, target), field(target, origin), cycle_threshold))
+            best = _better(best, _hop(start, field(origin, target), field(target, origin), gap, cycle_threshold))
+        for gap in sorted(match_intervals):
+            origin = target - gap * step
+            if match is None or best is None or origin not in reached or gap > max_gap:
+                continue
+            start = reached[origin]
+            start = start.keep(np.abs(start.sources - target) <= max_gap)
+            best = _better(best, _match_hop(start, match(origin, target), field(target, target - step).shape[:2]))
         own = _State(
             np.array([target]),
             points[target][None].astype(np.float32),
@@ -101,7 +126,7 @@ def link(
             yield Links(target, best.sources, best.xy, best.variance, best.occluded)
             own = best.joined(own)
         reached[target] = own
-        for origin in [frame for frame in reached if abs(frame - target) >= max(intervals)]:
+        for origin in [frame for frame in reached if abs(frame - target) >= max(intervals + match_intervals)]:
             del reached[origin]
 
 
@@ -126,19 +151,30 @@ class _State:
         )
 
 
-def _hop(state: _State, forward: Field, backward: Field, cycle_threshold: float) -> _State:
+def _hop(state: _State, forward: Field, backward: Field, gap: int, cycle_threshold: float) -> _State:
     there = state.xy + sample(forward, state.xy)
     height, width = forward.shape[:2]
     gone = outside(there, height, width)
     units = cycle_error(state.xy, there, backward) * (256 / max(height, width))
     error = np.where(gone, CYCLE_LIMIT, units)
-    variance = state.variance + HOP_VARIANCE + CYCLE_SHARE * np.minimum(error, CYCLE_LIMIT) ** 2
+    variance = state.variance + HOP_VARIANCE + GAP_VARIANCE * gap**2 + CYCLE_SHARE * np.minimum(error, CYCLE_LIMIT) ** 2
     return _State(
         state.sources,
         there,
         variance.astype(np.float32),
         state.occluded | gone | (error > cycle_threshold),
     )
+
+
+def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _State:
+    """To where the cell that holds each point was matched, in pixels of a field's `raster` (height, width)."""
+    rows, columns = matches.trusted.shape
+    pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
+    column, row = np.moveaxis(np.floor((state.xy + 0.5) / pixels).astype(np.int64), -1, 0)
+    column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
+    there = state.xy + matches.displacement[row, column] * pixels
+    hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
+    return _State(state.sources, there, state.variance + np.float32(MATCH_VARIANCE), state.occluded | hidden)
 
 
 def _better(best: _State | None, other: _State) -> _State:

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import images_in
-from decomotion.data import labelling, motion
+from decomotion.data import evidence, labelling
+from decomotion.data.pool import Positions
 from decomotion.errors import SupervisionError
 
 Mask = npt.NDArray[np.bool_]
@@ -18,7 +19,7 @@ Mask = npt.NDArray[np.bool_]
 def auto_masks(
     frames: npt.NDArray[np.uint8],
     points: npt.NDArray[np.float32],
-    targets: npt.NDArray[np.float32],
+    targets: Positions,
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
 ) -> Mask:
@@ -32,12 +33,12 @@ def auto_masks(
         grid: rows and columns of `points`.
     """
     height, width = frames.shape[1:3]
-    images = motion.in_units(frames)
-    positions = motion.to_units(points, height, width)
-    evidence = motion.motion_evidence(images, positions, targets, confidence, 256 / max(height, width))
+    images = evidence.in_units(frames)
+    positions = evidence.to_units(points, height, width)
+    found = evidence.motion_evidence(images, positions, targets, confidence, 256 / max(height, width))
     lab = np.stack([_lab_at(image, xy) for image, xy in zip(images, positions, strict=True)])
     links = labelling.Links(targets, confidence, grid, height, width)
-    probability = labelling.moving_probability(evidence, lab, links, grid)
+    probability = labelling.moving_probability(found, lab, links, grid)
     enlarged = [
         cv2.resize(values.reshape(grid), (width, height), interpolation=cv2.INTER_LINEAR) for values in probability
     ]

@@ -1,8 +1,9 @@
 """The pool: correspondences from points of every frame to every other frame, with confidence, on disk.
 
-Folder format, each array a `.npy` file that is memory-mapped when read (`docs/formats.md`):
-    points      float32 [T, P, 2]       where the points are, pixels of the clip; a jittered grid of rows x columns
-    targets     float32 [T, T, P, 2]    targets[i, j, p]: where point p of frame i lies in frame j, pixels
+Each array is a `.npy` file in the folder of the stage that made it, memory-mapped when read (`docs/formats.md`):
+    points      float32 [T, P, 2]       where the points are, pixels of the clip: a jittered grid of rows x columns,
+                                        then those of the user's tracks
+    targets     uint16  [T, T, P, 2]    targets[i, j, p]: where point p of frame i lies in frame j, packed: see `pack`
     confidence  uint8   [T, T, P]       255: certain; 0: hidden, outside or unknown
     rgb         uint8   [T, P, 3]       the clip's colour there
     feature     float16 [T, P, C]       the dense feature there, of unit norm; C may be 0
@@ -13,8 +14,10 @@ Folder format, each array a `.npy` file that is memory-mapped when read (`docs/f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +25,56 @@ import numpy.typing as npt
 UNKNOWN_MOTION = 2
 """Value of `moving` where there is no motion mask."""
 
+PACKED_FROM, PACKED_TO = -1.0, 2.0
+"""Positions are packed between these, in lengths of the frame's longer side; what lies beyond is moved there."""
+PACKED_STEPS = 2**16 - 1
+
+
+class PackedPositions:
+    """Positions in pixels, packed into 16 bits; indexed like a float32 array, it unpacks what is asked for.
+
+    The step is 3 sides in 65,535: positions are right to 0.006 pixels of a frame whose longer side is 256.
+    """
+
+    def __init__(self, packed: npt.NDArray[np.uint16], longer_side: int) -> None:
+        self._packed = packed
+        self._longer_side = longer_side
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array of positions."""
+        return self._packed.shape
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __getitem__(self, index: Any) -> npt.NDArray[np.float32]:
+        step = np.float32((PACKED_TO - PACKED_FROM) * self._longer_side / PACKED_STEPS)
+        return np.asarray(self._packed[index]) * step + np.float32(PACKED_FROM * self._longer_side)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray:
+        return self[...].astype(dtype or np.float32)
+
+    def first_points(self, count: int) -> PackedPositions:
+        """The first `count` points of each frame, nothing copied."""
+        return PackedPositions(self._packed[..., :count, :], self._longer_side)
+
+
+Positions = npt.NDArray[np.float32] | PackedPositions
+
+
+def pack(xy: npt.NDArray[np.floating], longer_side: int) -> npt.NDArray[np.uint16]:
+    """Positions in pixels of a frame of that longer side as `PackedPositions` holds them."""
+    share = (xy / longer_side - PACKED_FROM) / (PACKED_TO - PACKED_FROM)
+    return np.round(np.clip(share, 0, 1) * PACKED_STEPS).astype(np.uint16)
+
 
 @dataclass(frozen=True)
 class Pool:
-    """Memory-mapped arrays; see the module's docstring for shapes and units."""
+    """Memory-mapped arrays; see the module's docstring for shapes and units. `targets` reads as float32 pixels."""
 
     points: npt.NDArray[np.float32]
-    targets: npt.NDArray[np.float32]
+    targets: Positions
     confidence: npt.NDArray[np.uint8]
     rgb: npt.NDArray[np.uint8]
     feature: npt.NDArray[np.float16]
@@ -52,9 +98,21 @@ class Pool:
         return self.feature.shape[-1]
 
 
-def open_pool(folder: Path) -> Pool:
-    """Opens a finished pool without loading it."""
-    return Pool(**{field.name: np.load(folder / f"{field.name}.npy", mmap_mode="r") for field in fields(Pool)})
+def open_pool(folders: Iterable[Path], longer_side: int) -> Pool:
+    """Opens the arrays of finished stages without loading them; a later folder's array takes an earlier one's place.
+
+    `longer_side` is that of the clip's frames in pixels.
+    """
+    files = {file.stem: file for folder in folders for file in folder.glob("*.npy")}
+    arrays: dict[str, Any] = {field.name: np.load(files[field.name], mmap_mode="r") for field in fields(Pool)}
+    return Pool(**{**arrays, "targets": PackedPositions(arrays["targets"], longer_side)})
+
+
+def affordable_points(frames: int, channels: int, mebibytes: int) -> int:
+    """Points of each frame with which the pool of a clip, `channels` of features included, takes that much disk."""
+    per_target = 2 * 2 + 1  # packed position, confidence
+    per_point = frames * per_target + 2 * 4 + 3 + 1 + 2 * channels
+    return int(mebibytes * 2**20 / (frames * per_point))
 
 
 def grid_shape(height: int, width: int, count: int) -> tuple[int, int]:

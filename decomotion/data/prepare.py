@@ -1,35 +1,50 @@
-"""From a clip to its supervision: flow, links, camera, masks and features, kept as one pool in the cache."""
+"""From a clip to its supervision: a list of stages, each kept in the cache, read together as one pool."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import shutil
-import threading
-import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-from tqdm import tqdm
 
 from decomotion.clip import Clip
-from decomotion.config import DataConfig
-from decomotion.data import camera, linking, masks
-from decomotion.data.flow import DisFlow, FlowEstimator
-from decomotion.data.pool import UNKNOWN_MOTION, Pool, grid_shape, jittered_grid, open_pool
+from decomotion.config import DataConfig, FolderFlowConfig, RaftFlowConfig
+from decomotion.data import masks
+from decomotion.data.correspondences import build_links
+from decomotion.data.features import FeatureExtractor, build_features
+from decomotion.data.features.interface import MOST_CHANNELS
+from decomotion.data.features.stage import build_feature_arrays
+from decomotion.data.filtering import Grid, build_filtered
+from decomotion.data.flow import FlowEstimator, build_flow
+from decomotion.data.motion import build_motion
+from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
+from decomotion.data.stages import Record, Stage, remove_abandoned
+from decomotion.data.tracks import UserTracks, read_tracks
+from decomotion.errors import SupervisionError
 
-POOL_VERSION = 4
-"""Raised whenever the same clip and settings would give another pool."""
+VERSIONS = {"links": 5, "features": 1, "filter": 1, "motion": 2}
+"""Raised for a stage whenever the same clip and settings would give another result."""
 
-ABANDONED_SECONDS = 24 * 3600
+MIN_POINTS = 256
+"""Points a frame below which a pool is of no use."""
 
-CONFIDENT_VARIANCE = 1.0
-"""Accumulated squared error, units^2, at which the confidence is one half."""
+
+@dataclass(frozen=True)
+class Preparation:
+    """A prepared clip."""
+
+    pool: Pool
+    stages: tuple[Record, ...]
+    """In the order in which they are made."""
+    folder: Path
+    """Where the clip's stages lie."""
+    grid: tuple[int, int]
+    """Rows and columns of the pool's jittered points, which come first in every frame."""
 
 
 def cache_root() -> Path:
@@ -37,178 +52,201 @@ def cache_root() -> Path:
     return Path(os.environ.get("DECOMO_CACHE") or Path.home() / ".cache" / "decomotion")
 
 
-def prepare(clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: bool = True) -> Pool:
+def prepare(
+    clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: bool = True, device: str = "cpu"
+) -> Pool:
     """The pool of `clip`, from the cache where it was prepared before with the same settings.
 
-    Raises `SupervisionError` where the user's masks do not fit the clip.
+    Networks run on `device`. Raises `SupervisionError` where flow, weights, masks or tracks are missing or do not fit.
     """
-    given = (
-        None
-        if config.masks in ("auto", "none")
-        else masks.read_masks(Path(config.masks), len(clip), clip.height, clip.width)
-    )
-    folder = cache_root() / _key(clip, config, given)
-    if rebuild or not folder.is_dir():
-        partial = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
-        _remove_abandoned(folder)
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        try:
-            _build(clip, config, given, partial, progress)
-            shutil.rmtree(folder, ignore_errors=True)
-            partial.rename(folder)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
-    return open_pool(folder)
+    return prepare_in_stages(clip, config, rebuild=rebuild, progress=progress, device=device).pool
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Removes what killed runs left of this entry a day ago or earlier: a younger one may still be at work."""
-    for partial in folder.parent.glob(f"{folder.name}.*.partial"):
-        if time.time() - partial.stat().st_mtime > ABANDONED_SECONDS:
-            shutil.rmtree(partial, ignore_errors=True)
+def prepare_in_stages(
+    clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: bool = True, device: str = "cpu"
+) -> Preparation:
+    """As `prepare`, with the record of each stage."""
+    work = _Work(clip, config, progress, device)
+    remove_abandoned(work.root)
+    work.check(rebuild)
+    records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
+    if work.filters_on:
+        records.append(work.filter.run(work.build_filter, rebuild))
+    records.append(work.motion.run(work.build_motion, rebuild))
+    pool = open_pool([record.folder for record in records], work.longer_side)
+    return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 
 
-def _key(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None) -> str:
-    parts = [str(POOL_VERSION), clip.digest(), json.dumps(config.model_dump(), sort_keys=True)]
-    if given is not None:
-        parts.append(hashlib.sha256(np.packbits(given).tobytes()).hexdigest())
-    return hashlib.sha256("|".join(parts).encode()).hexdigest()[:20]
+class _Work:
+    """One clip and its settings: the stages, and what each is built from."""
+
+    def __init__(self, clip: Clip, config: DataConfig, progress: bool, device: str) -> None:
+        self.clip, self.config, self.progress, self.device = clip, config, progress, device
+        self.root = cache_root() / clip.digest()
+        self.longer_side = max(clip.height, clip.width)
+        rules = config.filters
+        self.filters_on = any(rule is not None for rule in (rules.cycle, rules.appearance, rules.second_look))
+
+    def check(self, rebuild: bool) -> None:
+        """Reads all that the user gives and loads the networks that will be needed, before any long work."""
+        _ = self.given_masks, self.tracks, self.count
+        if self.config.feature_weights is not None and not Path(self.config.feature_weights).is_file():
+            raise SupervisionError(f"--feature-weights {self.config.feature_weights} does not exist")
+        if rebuild or not self.links.finished:
+            _ = self.estimator
+        if rebuild or not self.features.finished:
+            _ = self.extractor
+
+    # what the stages are made from
+
+    @cached_property
+    def estimator(self) -> FlowEstimator:
+        return build_flow(self.config.flow, self.device)
+
+    @cached_property
+    def extractor(self) -> FeatureExtractor | None:
+        return build_features(self.config, self.device)
+
+    @cached_property
+    def given_masks(self) -> npt.NDArray[np.bool_] | None:
+        if self.config.masks in ("auto", "none"):
+            return None
+        return masks.read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
+
+    @cached_property
+    def tracks(self) -> UserTracks | None:
+        return None if self.config.tracks is None else read_tracks(self.config.tracks, self.clip)
+
+    @cached_property
+    def count(self) -> int:
+        """Points of a frame that are linked, about: as many as wanted, or as the pool's limit on disk admits."""
+        given = 0 if self.tracks is None else len(self.tracks)
+        limit = affordable_points(len(self.clip), self.channels, self.config.pool.disk_limit) - given
+        wanted = self.config.pool.points_per_frame
+        if limit < min(wanted, MIN_POINTS):
+            what = f"{given} tracks leave" if given else "it leaves"
+            raise SupervisionError(
+                f"a pool of {self.config.pool.disk_limit} MiB is too small for {len(self.clip)} frames: {what} "
+                f"room for {max(0, limit)} points a frame; raise data.pool.disk_limit, or give fewer frames"
+            )
+        return min(wanted, limit)
+
+    @cached_property
+    def channels(self) -> int:
+        """Of the features in the pool, at most."""
+        most = MOST_CHANNELS[self.config.features]
+        return min(self.config.feature_size or most, most)
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The jittered grid of the points that are linked."""
+        return Grid(*grid_shape(self.clip.height, self.clip.width, self.count), self.clip.height, self.clip.width)
+
+    @cached_property
+    def on_grid(self) -> npt.NDArray[np.float32]:
+        """Its points, [frame, point, 2]."""
+        random = np.random.default_rng(0)
+        return jittered_grid(len(self.clip), self.clip.height, self.clip.width, self.count, random)
+
+    # the stages: of what each is the result
+
+    def stage(self, name: str, **settings: Any) -> Stage:
+        versioned = {"version": VERSIONS[name], "clip": self.clip.digest(), **settings}
+        return Stage(name, versioned, self.root)
+
+    @cached_property
+    def links(self) -> Stage:
+        config = self.config
+        return self.stage(
+            "links",
+            flow=config.flow.model_dump(mode="json"),
+            given=self.digest_of_flow(),
+            budget=config.prepare_budget,
+            points=self.count,
+            cycle_threshold=config.pool.cycle_threshold,
+            max_gap=config.pool.max_gap,
+            matching=config.matching.model_dump(mode="json"),
+            tracks=None if self.tracks is None else self.tracks.digest(),
+        )
+
+    @cached_property
+    def features(self) -> Stage:
+        config = self.config
+        return self.stage(
+            "features",
+            kind=config.features,
+            weights=None if config.feature_weights is None else file_digest(Path(config.feature_weights)),
+            size=config.feature_size,
+            points=self.count,
+            tracks=None if self.tracks is None else self.tracks.digest(),
+        )
+
+    @cached_property
+    def filter(self) -> Stage:
+        rules = self.config.filters.model_dump(mode="json")
+        return self.stage("filter", links=self.links.key, features=self.features.key, rules=rules)
+
+    @cached_property
+    def motion(self) -> Stage:
+        kind = self.config.masks if self.given_masks is None else "given"
+        given = self.given_masks
+        return self.stage(
+            "motion",
+            links=self.filter.key if self.filters_on else self.links.key,
+            kind=kind,
+            given=None if given is None else hashlib.sha256(np.packbits(given).tobytes()).hexdigest(),
+        )
+
+    def digest_of_flow(self) -> str | None:
+        """Hash of the files that decide the flow beside the settings."""
+        flow = self.config.flow
+        if isinstance(flow, RaftFlowConfig) and flow.weights is not None:
+            return file_digest(Path(flow.weights))
+        if isinstance(flow, FolderFlowConfig):
+            return folder_digest(Path(flow.path))
+        return None
+
+    # how each is made
+
+    def build_links(self, folder: Path) -> dict[str, Any]:
+        return build_links(self.clip, self.config, self.on_grid, self.tracks, self.estimator, self.progress, folder)
+
+    def build_features(self, folder: Path) -> dict[str, Any]:
+        points = np.load(self.links.folder / "points.npy")
+        return build_feature_arrays(self.clip, points, self.extractor, self.config.feature_size, self.progress, folder)
+
+    def build_filter(self, folder: Path) -> dict[str, Any]:
+        feature = np.load(self.features.folder / "feature.npy", mmap_mode="r")
+        return build_filtered(*self.linked(), feature, self.grid, self.config.filters, self.progress, folder)
+
+    def build_motion(self, folder: Path) -> dict[str, Any]:
+        points, targets, confidence = self.linked()
+        if self.filters_on:
+            confidence = np.load(self.filter.folder / "confidence.npy", mmap_mode="r")
+        grid = (self.grid.rows, self.grid.columns)
+        return build_motion(self.clip, points, targets, confidence, grid, self.config.masks, self.given_masks, folder)
+
+    def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
+        """Points, targets and confidence of the stage `links`."""
+        points, targets, confidence = (
+            np.load(self.links.folder / f"{name}.npy", mmap_mode="r") for name in ("points", "targets", "confidence")
+        )
+        return np.asarray(points), PackedPositions(targets, self.longer_side), confidence
 
 
-def _build(clip: Clip, config: DataConfig, given: npt.NDArray[np.bool_] | None, folder: Path, progress: bool) -> None:
-    random = np.random.default_rng(0)
-    points = jittered_grid(len(clip), clip.height, clip.width, config.pool.points_per_frame, random)
-    np.save(folder / "points.npy", points)
-    fields = _flow_fields(clip, config, folder, progress)
-    targets, confidence = _link_all(points, fields, clip, config, folder, progress)
-    (folder / "flow.npy").unlink()
-
-    grid = grid_shape(clip.height, clip.width, config.pool.points_per_frame)
-    moving = _moving(points, targets, confidence, given, clip, config, grid)
-    np.save(folder / "moving.npy", moving)
-    usable = confidence > 0
-    unit = max(clip.height, clip.width) / 256
-    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
-    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
-    for name, maps in (("camera", of_scene), ("object", of_object)):
-        np.save(folder / f"{name}.npy", camera.to_normalised(maps, clip.height, clip.width))
-
-    np.save(folder / "rgb.npy", np.stack([_at(frame, xy) for frame, xy in zip(clip.frames, points, strict=True)]))
-    np.save(folder / "feature.npy", _features(clip, points, config))
+def file_digest(file: Path) -> str | None:
+    """Hash of a file's content; None where there is none, which whoever reads it reports."""
+    if not file.is_file():
+        return None
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
-def _flow_fields(clip: Clip, config: DataConfig, folder: Path, progress: bool) -> linking.FieldLookup:
-    """Flow at the configured intervals both ways, float16 on disk while it is needed."""
-    pairs = [
-        (first, second)
-        for first in range(len(clip))
-        for gap in config.flow.intervals
-        for second in (first - gap, first + gap)
-        if 0 <= second < len(clip) and gap <= config.pool.max_gap
-    ]
-    index = {pair: row for row, pair in enumerate(pairs)}
-    local = threading.local()
-
-    def estimate(pair: tuple[int, int]) -> npt.NDArray[np.float32]:
-        if not hasattr(local, "flow"):
-            local.flow = DisFlow(config.flow)
-        flow: FlowEstimator = local.flow
-        return flow(clip.frames[pair[0]], clip.frames[pair[1]])
-
-    first = estimate(pairs[0])
-    fields = np.lib.format.open_memmap(
-        folder / "flow.npy", mode="w+", dtype=np.float16, shape=(len(pairs), *first.shape)
-    )
-
-    def store(row: int) -> None:
-        fields[row] = estimate(pairs[row])
-
-    _in_threads(store, len(pairs), "flow", progress)
-    return lambda source, target: fields[index[source, target]].astype(np.float32)
-
-
-def _in_threads(task: Callable[[int], None], count: int, stage: str, progress: bool) -> None:
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # one pair a thread is faster than every thread on one pair
-    try:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(tqdm(pool.map(task, range(count)), stage, total=count, disable=not progress, leave=False))
-    finally:
-        cv2.setNumThreads(threads)
-
-
-def _link_all(
-    points: npt.NDArray[np.float32],
-    field: linking.FieldLookup,
-    clip: Clip,
-    config: DataConfig,
-    folder: Path,
-    progress: bool,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
-    """Links every frame's points to every other frame; writes and returns `targets` and `confidence`."""
-    frames, count = points.shape[:2]
-    targets = np.lib.format.open_memmap(
-        folder / "targets.npy", mode="w+", dtype=np.float32, shape=(frames, frames, count, 2)
-    )
-    confidence = np.lib.format.open_memmap(
-        folder / "confidence.npy", mode="w+", dtype=np.uint8, shape=(frames, frames, count)
-    )
-    raster = field(0, 1).shape[:2]
-    shrink = np.array([raster[1] / clip.width, raster[0] / clip.height], np.float32)
-    on_raster = (points + 0.5) * shrink - 0.5
-    with tqdm(total=2 * frames, desc="link", disable=not progress, leave=False) as bar:
-        for step in (1, -1):
-            for links in linking.link(
-                on_raster, field, config.flow.intervals, config.pool.cycle_threshold, config.pool.max_gap, step
-            ):
-                targets[links.sources, links.target] = (links.xy + 0.5) / shrink - 0.5
-                certain = np.where(links.occluded, 0, CONFIDENT_VARIANCE / (CONFIDENT_VARIANCE + links.variance))
-                confidence[links.sources, links.target] = np.round(255 * certain)
-                bar.update()
-    for frame in range(frames):
-        targets[frame, frame] = points[frame]
-        confidence[frame, frame] = 255
-    return targets, confidence
-
-
-def _moving(
-    points: npt.NDArray[np.float32],
-    targets: npt.NDArray[np.float32],
-    confidence: npt.NDArray[np.uint8],
-    given: npt.NDArray[np.bool_] | None,
-    clip: Clip,
-    config: DataConfig,
-    grid: tuple[int, int],
-) -> npt.NDArray[np.uint8]:
-    """[frame, point]: 1 on what moves, 0 on the scene; `UNKNOWN_MOTION` everywhere with masks `none`."""
-    if config.masks == "none":
-        return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
-    if given is None:
-        given = masks.auto_masks(clip.frames, points, targets, confidence, grid)
-    nearest = np.round(points).astype(np.int64)
-    frame = np.arange(len(points))[:, None]
-    return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)
-
-
-def _at(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
-    """Bilinear values of [H, W, c] at [point, 2]."""
-    return cv2.remap(image, xy[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]  # type: ignore[call-overload]
-
-
-def _features(clip: Clip, points: npt.NDArray[np.float32], config: DataConfig) -> npt.NDArray[np.float16]:
-    if config.features == "none":
-        return np.zeros((*points.shape[:2], 0), np.float16)
-    from decomotion.data.features import dense_sift, reduce_features
-
-    # features are read at the points frame by frame: whole maps of 128 channels would fill the memory
-    read = [_read_map(dense_sift(frame), xy, clip) for frame, xy in zip(clip.frames, points, strict=True)]
-    return reduce_features(np.stack(read), config.feature_size).astype(np.float16)
-
-
-def _read_map(image: npt.NDArray[np.float32], xy: npt.NDArray[np.float32], clip: Clip) -> npt.NDArray[np.float32]:
-    """Values [point, c] of a map [h, w, c] that covers the clip's image, at `xy` in pixels of the clip."""
-    where = (xy + 0.5) * np.array([image.shape[1] / clip.width, image.shape[0] / clip.height], np.float32) - 0.5
-    # cv2.remap takes at most 4 channels at a time
-    parts = [np.ascontiguousarray(image[..., first : first + 4]) for first in range(0, image.shape[-1], 4)]
-    return np.concatenate([_at(part, where).reshape(len(where), -1) for part in parts], axis=-1)
+def folder_digest(folder: Path) -> str | None:
+    """Hash of the names and contents of the files in a folder; None where there is none."""
+    if not folder.is_dir():
+        return None
+    content = hashlib.sha256()
+    for file in sorted(file for file in folder.iterdir() if file.is_file()):
+        content.update(f"{file.name}|{file_digest(file)}|".encode())
+    return content.hexdigest()

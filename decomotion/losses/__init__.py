@@ -45,6 +45,16 @@ LOSSES: dict[str, Loss] = {
     ),
 }
 
+OF_STATIC = {"flow_static", "photometric_static", "segmentation"}
+OF_DYNAMIC = {"flow_dynamic", "photometric_dynamic", "feature", "segmentation"}
+LEFT_OUT = {"fused": set[str](), "static": OF_DYNAMIC, "dynamic": OF_STATIC}
+"""By `model.volumes`, the losses that look at a volume which is not there."""
+
+
+def applicable(weights: dict[str, float | Schedule], volumes: str) -> dict[str, float | Schedule]:
+    """The losses that a model of these `volumes` can have."""
+    return {name: weight for name, weight in weights.items() if name not in LEFT_OUT[volumes]}
+
 
 def check_names(weights: dict[str, float | Schedule]) -> None:
     """Raises `ConfigError` where the configuration weighs a loss that does not exist."""

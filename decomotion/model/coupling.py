@@ -23,6 +23,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from decomotion.config import GridConditionerConfig, MlpConditionerConfig
+from decomotion.model.precision import HiddenLinear
 
 LOG_SCALE_LIMIT = 8.0
 """Bound of an MLP's log-scale, as in OmniMotion."""
@@ -117,8 +118,8 @@ class MlpConditioner(nn.Module):
             nn.Linear(code_size, code_size), nn.LeakyReLU(), nn.Linear(code_size, code_size)
         )
         self.from_code = nn.Linear(code_size, config.hidden)
-        self.from_plane = nn.Linear(config.encoding, config.hidden, bias=False)
-        self.hidden = nn.ModuleList(nn.Linear(config.hidden, config.hidden) for _ in range(config.layers - 1))
+        self.from_plane = HiddenLinear(config.encoding, config.hidden, bias=False)
+        self.hidden = nn.ModuleList(HiddenLinear(config.hidden, config.hidden) for _ in range(config.layers - 1))
         self.output = nn.Linear(config.hidden, 2)
         nn.init.normal_(self.output.weight, std=1e-3)  # the layer starts as the identity, nearly
         nn.init.zeros_(self.output.bias)
@@ -137,10 +138,11 @@ class MlpConditioner(nn.Module):
         rows = conditioning if frame is None else conditioning.index_select(0, frame)
         angles = (plane[..., None] * self.frequencies).flatten(-2)
         encoded = F.leaky_relu(self.encode(torch.cat([plane, torch.sin(angles), torch.cos(angles)], dim=-1)))
-        hidden = F.leaky_relu(self.from_plane(encoded) + rows[:, None])
+        position = self.from_plane(encoded)
+        hidden = F.leaky_relu(position + rows[:, None].to(position.dtype))
         for layer in self.hidden:
             hidden = F.leaky_relu(layer(hidden))
-        log_scale, shift = self.output(hidden).unbind(-1)
+        log_scale, shift = self.output(hidden.to(plane.dtype)).unbind(-1)
         return log_scale.clamp(-LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), shift
 
 

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from decomotion.config import GaborFieldConfig, GridFieldConfig
 from decomotion.model.coupling import grid_size
+from decomotion.model.precision import HiddenLinear
 
 
 def build_field(config: GaborFieldConfig | GridFieldConfig, extent: Float[Tensor, "3"]) -> nn.Module:
@@ -39,7 +40,7 @@ class GaborField(nn.Module):
             GaborFilter(config.width, config.input_scale / math.sqrt(filters), config.alpha / filters)
             for _ in range(filters)
         )
-        self.linears = nn.ModuleList(nn.Linear(config.width, config.width) for _ in range(config.layers))
+        self.linears = nn.ModuleList(HiddenLinear(config.width, config.width) for _ in range(config.layers))
         for linear in self.linears:
             assert isinstance(linear, nn.Linear)
             bound = 1 / math.sqrt(config.width)

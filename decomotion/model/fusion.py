@@ -14,7 +14,7 @@ from decomotion.config import ModelConfig
 from decomotion.geometry import ImagePlane
 from decomotion.model.field import build_field
 from decomotion.model.frame_code import build_frame_code
-from decomotion.model.volume import Conditioning, Matter, Volume
+from decomotion.model.volume import Conditioning, EmptyVolume, Matter, Volume
 from decomotion.rays import lift, sample_depths
 
 
@@ -76,11 +76,13 @@ class Prediction:
     dynamic_depths: Float[Tensor, "pair point sample"]
     """Pseudo-depth in the target frame of each dynamic sample."""
     acceleration: Float[Tensor, "pair smooth_point sample 3"]
-    """Second difference over neighbouring frames of each dynamic sample's local position, normalised units."""
+    """Second difference over neighbouring frames of each dynamic sample's local position, normalised units.
+
+    Where the static volume is alone, of its samples."""
 
 
 class DecoMotion(nn.Module):
-    """The fused model of one clip.
+    """The fused model of one clip; with `config.volumes` one volume alone, the other an `EmptyVolume`.
 
     Args:
         config: sizes.
@@ -104,10 +106,12 @@ class DecoMotion(nn.Module):
         self.frame_code = build_frame_code(config.frame_code, self.num_frames)
         extents = [canonical_extent(start, plane) for start in starts]
         size = config.frame_code.size
-        self.static = Volume(config.static, size, starts[0], extents[0])
-        self.dynamic = Volume(config.dynamic, size, starts[1], extents[1])
-        self.feature_field = build_field(config.feature_field, extents[1]) if feature_size else None
-        self.feature_head = nn.Linear(config.feature_field.width, feature_size) if feature_size else None
+        has_static, has_dynamic = config.volumes != "dynamic", config.volumes != "static"
+        self.static = Volume(config.static, size, starts[0], extents[0]) if has_static else EmptyVolume()
+        self.dynamic = Volume(config.dynamic, size, starts[1], extents[1]) if has_dynamic else EmptyVolume()
+        has_feature = has_dynamic and feature_size > 0
+        self.feature_field = build_field(config.feature_field, extents[1]) if has_feature else None
+        self.feature_head = nn.Linear(config.feature_field.width, feature_size) if has_feature else None
 
     def condition(self, frames: Int[Tensor, " frame"]) -> PairConditioning:
         """Conditioning of both volumes for `frames`: once per frame, whatever the number of points."""
@@ -131,7 +135,9 @@ class DecoMotion(nn.Module):
         u = self.static.to_canonical(local, conditioning.static, frame).reshape(shape)
         v = self.dynamic.to_canonical(local, conditioning.dynamic, frame).reshape(shape)
         static, dynamic = self.static.matter(u), self.dynamic.matter(v)
-        weights = fused_weights(static.density, dynamic.density, static.confidence)
+        # a static volume alone has nothing to share the ray with; where there is none, the empty one's beta is 0
+        beta = torch.ones_like(static.confidence) if config.volumes == "static" else static.confidence
+        weights = fused_weights(static.density, dynamic.density, beta)
         return Rays(depths, u, v, static, dynamic, weights.static, weights.dynamic)
 
     def predict(
@@ -175,7 +181,7 @@ class DecoMotion(nn.Module):
             dynamic_weights=alone_dynamic,
             static_depths=u[..., 2],
             dynamic_depths=v[..., 2],
-            acceleration=self._acceleration(rays.dynamic_canonical[:, :smooth_points], around),
+            acceleration=self._acceleration(rays, smooth_points, around),
         )
 
     def _project(self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
@@ -197,13 +203,20 @@ class DecoMotion(nn.Module):
         )
 
     def _acceleration(
-        self, canonical: Float[Tensor, "pair point sample 3"], around: list[PairConditioning]
-    ) -> Float[Tensor, "pair point sample 3"]:
-        """x_{i-1} + x_{i+1} - 2 x_i of the dynamic samples; at the clip's ends, about the nearest inner frame."""
+        self, rays: Rays, smooth_points: int | None, around: list[PairConditioning]
+    ) -> Float[Tensor, "pair smooth_point sample 3"]:
+        """x_{i-1} + x_{i+1} - 2 x_i of the samples of the volume in which objects move: the dynamic one, if there is.
+
+        At the clip's ends it is taken about the nearest inner frame.
+        """
+        alone = self.config.volumes == "static"
+        volume = self.static if alone else self.dynamic
+        canonical = (rays.static_canonical if alone else rays.dynamic_canonical)[:, :smooth_points]
         if self.num_frames < 3:
             return torch.zeros_like(canonical)
         flat = canonical.flatten(1, 2)
-        before, at, after = (self.dynamic.from_canonical(flat, conditioning.dynamic) for conditioning in around)
+        frames = [conditioning.static if alone else conditioning.dynamic for conditioning in around]
+        before, at, after = (volume.from_canonical(flat, conditioning) for conditioning in frames)
         return (before + after - 2 * at).reshape(canonical.shape)
 
 

@@ -115,6 +115,34 @@ class Volume(nn.Module):
         return list(self.couplings)  # type: ignore[arg-type]
 
 
+class EmptyVolume(nn.Module):
+    """The place of a volume that a model does without: it moves nothing and holds nothing, at no cost.
+
+    With it on one side, the fused model is OmniMotion's single volume.
+    """
+
+    def condition(self, codes: Float[Tensor, "all code"], frames: Int[Tensor, " frame"]) -> Conditioning:
+        """Nothing that depends on the frame."""
+        return Conditioning(codes.new_zeros(len(frames), 3, 8), ())
+
+    def to_canonical(
+        self,
+        points: Float[Tensor, "batch point 3"],
+        conditioning: Conditioning,
+        frame: Int[Tensor, " batch"] | None = None,
+    ) -> Float[Tensor, "batch point 3"]:
+        """The points."""
+        del conditioning, frame
+        return points
+
+    from_canonical = to_canonical
+
+    def matter(self, points: Float[Tensor, "*batch 3"]) -> Matter:
+        """No density."""
+        nothing = torch.zeros_like(points[..., 0])
+        return Matter(nothing, torch.zeros_like(points), nothing)
+
+
 def centred(points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     """Local depth [0, 2] to [-1, 1], so that the transforms act about the middle of the volume."""
     return points - points.new_tensor([0.0, 0.0, 1.0])

@@ -57,17 +57,66 @@ def tapvid_metrics(
     visible, pred_visible = ~gt_occluded, ~pred_occluded
     squared_distance = np.sum(np.square(pred_tracks - gt_tracks), axis=-1)
     true_points = _count(visible & counted)
+    within = position_accuracy(gt_tracks, pred_tracks, visible & counted)
 
     metrics = {"occlusion_accuracy": _ratio(_count((pred_occluded == gt_occluded) & counted), _count(counted))}
     for threshold in THRESHOLDS:
         correct = (squared_distance < threshold**2) & visible
         true_positives = _count(correct & pred_visible & counted)
         false_positives = _count(~correct & pred_visible & counted)
-        metrics[f"pts_within_{threshold}"] = _ratio(_count(correct & counted), true_points)
+        metrics[f"pts_within_{threshold}"] = within[f"pts_within_{threshold}"]
         metrics[f"jaccard_{threshold}"] = _ratio(true_positives, true_points + false_positives)
     metrics["average_jaccard"] = _mean_over_thresholds(metrics, "jaccard")
-    metrics["average_pts_within_thresh"] = _mean_over_thresholds(metrics, "pts_within")
+    metrics["average_pts_within_thresh"] = within["average_pts_within_thresh"]
     return metrics
+
+
+def position_accuracy(
+    gt_tracks: npt.ArrayLike, pred_tracks: npt.ArrayLike, where: npt.ArrayLike
+) -> dict[str, FloatArray]:
+    """Share of the points at `where` that are predicted within each threshold, whatever the predicted occlusion: [b].
+
+    With `where` the visible points of the counted frames this is TAP-Vid's < delta; with `reappeared` it is the same
+    of points that have come back.
+
+    Args:
+        gt_tracks: [b, n, t, 2], (x, y).
+        pred_tracks: [b, n, t, 2]. A nan is a miss at every threshold.
+        where: bool [b, n, t], the points to count; all of them visible.
+
+    Returns: pts_within_{1,2,4,8,16} and their mean, average_pts_within_thresh.
+    """
+    where = np.asarray(where, dtype=bool)
+    squared_distance = np.sum(np.square(np.asarray(pred_tracks) - np.asarray(gt_tracks)), axis=-1)
+    shares = {
+        f"pts_within_{threshold}": _ratio(_count((squared_distance < threshold**2) & where), _count(where))
+        for threshold in THRESHOLDS
+    }
+    return {**shares, "average_pts_within_thresh": _mean_over_thresholds(shares, "pts_within")}
+
+
+def reappeared(query_points: npt.ArrayLike, gt_occluded: npt.ArrayLike, query_mode: str) -> BoolArray:
+    """Which points are visible again after an occlusion: bool [b, n, t].
+
+    True in the frames that `query_mode` counts in which the point is visible although it was occluded in at least one
+    frame strictly between the query's frame and this one, in either direction of time: whoever starts from the query
+    has to carry the point through what hid it. Of a query in frame 8 that is occluded in frames 3 and 4, the visible
+    frames 0 to 2 are reappearances.
+
+    Args:
+        query_points: [b, n, 3], (t, y, x). Only t is read, rounded to the nearest frame.
+        gt_occluded: bool [b, n, t].
+        query_mode: as in `tapvid_metrics`.
+    """
+    check_query_mode(query_mode)
+    query_points, occluded = np.asarray(query_points), np.asarray(gt_occluded, dtype=bool)
+    counted = _counted_frames(query_points, occluded.shape, query_mode)
+    at_query = np.round(query_points[..., :1]).astype(np.int64)
+    hidden = occluded & (np.arange(occluded.shape[2]) != at_query)
+    so_far = np.cumsum(hidden, axis=2)
+    # of a visible frame and the query's, neither adds to the sum: the difference counts the frames between them
+    between = np.abs(so_far - np.take_along_axis(so_far, at_query, axis=2))
+    return counted & ~occluded & (between > 0)
 
 
 def temporal_coherence(gt_occluded: npt.ArrayLike, gt_tracks: npt.ArrayLike, pred_tracks: npt.ArrayLike) -> FloatArray:

@@ -33,7 +33,14 @@ def make_pool(**changes: Any) -> Pool:
 
 
 def config(**changes: Any) -> OptimConfig:
-    plain = {"pairs": 50, "points": 30, "hard_mining": 0.0, "count_maps": False}
+    plain = {
+        "pairs": 50,
+        "points": 30,
+        "hard_mining": 0.0,
+        "count_maps": False,
+        "candidates": 1,
+        "moving_share": 0.0,
+    }
     return load("cpu").optim.model_copy(update=plain | changes)
 
 
@@ -88,7 +95,9 @@ def test_where_there_is_no_mask():
     assert not batch.moving.any()
 
 
-@pytest.mark.parametrize("changes", [{}, {"hard_mining": 0.5}, {"count_maps": True}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"hard_mining": 0.5}, {"count_maps": True}, {"candidates": 3, "moving_share": 0.5}]
+)
 def test_the_generator_decides(changes: dict[str, Any]):
     sampler = Sampler(make_pool(), config(**changes))
     first, same, other = (draw(sampler, 5, seed) for seed in (1, 1, 2))
@@ -119,6 +128,41 @@ def test_points_that_are_linked_to_few_frames_are_drawn_more_often():
     share = (draw(Sampler(make_pool(confidence=confidence), config(pairs=2000, count_maps=True)), 5).point < 20).float()
     rare, common = 1 / np.sqrt(1 + 1), 1 / np.sqrt(FRAMES + 1)
     assert share.mean().item() == pytest.approx(rare / (rare + common), abs=0.02)
+
+
+def test_what_moves_is_drawn_at_its_least_share():
+    moving = np.zeros((FRAMES, POINTS), np.uint8)
+    moving[:, :4] = 1
+    batch = draw(Sampler(make_pool(moving=moving), config(pairs=2000, moving_share=0.4)), 5)
+    assert batch.moving.mean().item() == pytest.approx(0.4, abs=0.02)
+
+
+@pytest.mark.parametrize("everything", [0, 1])
+def test_a_frame_of_one_kind_is_drawn_from_alike(everything: int):
+    moving = np.full((FRAMES, POINTS), everything, np.uint8)
+    batch = draw(Sampler(make_pool(moving=moving), config(pairs=2000, moving_share=0.4)), 5)
+    share = batch.point.flatten().bincount(minlength=POINTS) / batch.point.numel()
+    torch.testing.assert_close(share, torch.full((POINTS,), 1 / POINTS), rtol=0, atol=0.003)
+
+
+def test_the_scene_keeps_a_share_however_much_moves():
+    moving = np.ones((FRAMES, POINTS), np.uint8)
+    moving[:, :2] = 0
+    batch = draw(Sampler(make_pool(moving=moving), config(pairs=2000, moving_share=0.4)), 5)
+    assert 1 - batch.moving.mean().item() == pytest.approx(0.2, abs=0.02)
+
+
+def test_points_with_a_known_target_are_taken_first():
+    confidence = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
+    confidence[..., ::2] = 0
+    pool = make_pool(confidence=confidence)
+    assert draw(Sampler(pool, config(candidates=4)), 5).confidence.mean() > 0.99
+    assert draw(Sampler(pool, config()), 5).confidence.mean().item() == pytest.approx(0.5, abs=0.06)
+
+
+def test_where_no_target_is_known_points_are_drawn_all_the_same():
+    batch = draw(Sampler(make_pool(confidence=np.zeros((FRAMES, FRAMES, POINTS), np.uint8)), config(candidates=4)), 5)
+    assert batch.point.shape == (50, 30)
 
 
 def test_errors_are_remembered_where_the_target_is_known():

@@ -11,9 +11,10 @@ import pytest
 import torch
 
 from decomotion import checkpoint
-from decomotion.cli import Duration, command, main
+from decomotion.cli import command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES
+from decomotion.options import Duration
 from decomotion.train import Run
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
@@ -126,7 +127,7 @@ class TestRefused:
             (["--steps", "5", "--time-budget", "5m"], "give --time-budget or --steps, not both"),
             (["--set", "optim.stepz=3"], "there is no key optim.stepz"),
             (["--set", "optim.steps=many"], "optim.steps: input should be a valid integer"),
-            (["--resume", "--set", "optim.steps=3"], "leave out --set, --config and --masks"),
+            (["--resume", "--set", "optim.steps=3"], "leave out --set, --config and what else decides it"),
             (["--resume"], "checkpoint.pt does not exist; train first"),
             (["--config", "nowhere.yaml"], "nowhere.yaml does not exist"),
             (["--masks", "nowhere"], "mask folder nowhere does not exist"),

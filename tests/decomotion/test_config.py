@@ -25,6 +25,21 @@ def test_there_and_back_through_plain_values(preset: str):
     assert parse(yaml.safe_load(written), "config.yaml") == config
 
 
+def test_omnimotion_is_cpu_but_for_the_decomposition():
+    """Whatever else changes in `cpu` changes in both."""
+    single, fused = load("omnimotion"), load("cpu")
+    assert single.optim == fused.optim
+    assert single.data == fused.data.model_copy(update={"masks": "none", "features": "none"})
+    assert {name: weight for name, weight in single.loss.items() if weight} == {
+        name: fused.loss[name]
+        for name in ("flow_fused", "photometric_fused", "scene_flow", "distortion", "depth_range")
+    }
+    assert single.model.volumes == "dynamic"
+    unchanged = {"volumes": "fused", "dynamic": fused.model.dynamic}
+    assert single.model.model_copy(update=unchanged) == fused.model
+    assert single.model.dynamic.start == fused.model.static.start == "camera"
+
+
 def test_paper_is_the_paper():
     """What Sec. 4.1 and the supplement state."""
     config = load("paper")
@@ -114,6 +129,20 @@ def test_a_file_in_the_presets_form(tmp_path: Path):
     assert load(file=write(tmp_path / "mine.yaml", preset="mine"), overrides=("optim.steps=9",)).preset == "mine"
 
 
+def test_a_file_that_extends_a_preset(tmp_path: Path):
+    file = tmp_path / "mine.yaml"
+    field = "{kind: gabor, width: 8, layers: 2, input_scale: 8.0, alpha: 3.0}"
+    file.write_text(f"extends: cpu\npreset: mine\nmodel: {{static: {{couplings: 1, field: {field}}}}}\n")
+    config, cpu = load(file=file, overrides=("optim.steps=9",)), load("cpu")
+    assert (config.preset, config.model.static.couplings, config.optim.steps) == ("mine", 1, 9)
+    assert config.model.static.field.kind == "gabor"
+    assert config.model.static.conditioner == cpu.model.static.conditioner
+    assert config.model.dynamic == cpu.model.dynamic
+    file.write_text("extends: gpu\n")
+    with pytest.raises(ConfigError, match="preset 'gpu' is unknown"):
+        load(file=file)
+
+
 def test_unknown_and_missing_keys_of_a_file_are_named(tmp_path: Path):
     with pytest.raises(ConfigError, match=r"mine\.yaml: verbose: extra inputs are not permitted"):
         load(file=write(tmp_path / "mine.yaml", verbose=True))
@@ -133,7 +162,7 @@ def test_files_that_are_none(tmp_path: Path):
 
 
 def test_an_unknown_preset_is_named():
-    with pytest.raises(ConfigError, match="preset 'gpu' is unknown; choose one of cpu, paper"):
+    with pytest.raises(ConfigError, match="preset 'gpu' is unknown; choose one of cpu, omnimotion, paper"):
         load("gpu")
 
 

@@ -1,15 +1,31 @@
-"""Dense features and their reduction."""
+"""Dense features and their reduction: where the image is, of unit norm, from weights that only hold weights."""
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+import torch
 
-from decomotion.data.features import FEATURE_SIDE, dense_sift, reduce_features
+from decomotion.clip import Clip
+from decomotion.config import DataConfig, load
+from decomotion.data.features import FeatureExtractor, build_features
+from decomotion.data.features.aliked import AlikedFeatures
+from decomotion.data.features.densesift import DenseSift
+from decomotion.data.features.interface import FEATURE_SIDE, resized
+from decomotion.data.features.reduction import fit_reduction
+from decomotion.data.features.stage import build_feature_arrays, read_reduction
+from decomotion.errors import ConfigError, SupervisionError
 
 
 def random(*shape: int) -> np.ndarray:
     return np.random.default_rng(0).normal(size=shape).astype(np.float32)
+
+
+def reduce_features(features: np.ndarray, size: int) -> np.ndarray:
+    return fit_reduction(features, size)(features)
 
 
 def cosines(vectors: np.ndarray) -> np.ndarray:
@@ -17,47 +33,197 @@ def cosines(vectors: np.ndarray) -> np.ndarray:
     return unit @ unit.T
 
 
-@pytest.mark.parametrize(("size", "channels"), [(0, 12), (3, 3), (12, 12), (40, 12)])
-def test_vectors_of_unit_norm_and_of_that_size(size: int, channels: int):
-    reduced = reduce_features(random(2, 5, 6, 12), size)
-    assert reduced.shape == (2, 5, 6, channels)
-    assert reduced.dtype == np.float32
-    np.testing.assert_allclose(np.linalg.norm(reduced, axis=-1), 1, rtol=1e-5)
+def config(kind: str, weights: Path | None = None, size: int = 0) -> DataConfig:
+    chosen = (f"data.features={kind}", f"data.feature_size={size}")
+    return load("cpu", overrides=chosen if weights is None else (*chosen, f"data.feature_weights={weights}")).data
 
 
-def test_zero_leaves_the_directions():
-    features = random(30, 12)
-    np.testing.assert_allclose(cosines(reduce_features(features, 0)), cosines(features), atol=1e-5)
+def extractor(kind: str, weights: Path | None = None) -> FeatureExtractor:
+    built = build_features(config(kind, weights))
+    assert built is not None
+    return built
 
 
-def test_what_varies_in_few_directions_loses_nothing():
-    """Features in a plane of 12 dimensions: their angles about the mean survive the reduction to 2."""
-    features = random(60, 2) @ random(2, 12) + 5
-    expected = cosines(features - features.mean(axis=0))
-    np.testing.assert_allclose(cosines(reduce_features(features, 2)), expected, atol=1e-3)
+class TestReduction:
+    @pytest.mark.parametrize(("size", "channels"), [(0, 12), (3, 3), (12, 12), (40, 12)])
+    def test_vectors_of_unit_norm_and_of_that_size(self, size: int, channels: int):
+        reduced = reduce_features(random(2, 5, 6, 12), size)
+        assert reduced.shape == (2, 5, 6, channels)
+        assert reduced.dtype == np.float32
+        np.testing.assert_allclose(np.linalg.norm(reduced, axis=-1), 1, rtol=1e-5)
+
+    def test_zero_leaves_the_directions(self):
+        features = random(30, 12)
+        np.testing.assert_allclose(cosines(reduce_features(features, 0)), cosines(features), atol=1e-5)
+
+    def test_what_varies_in_few_directions_loses_nothing(self):
+        """Features in a plane of 12 dimensions: their angles about the mean survive the reduction to 2."""
+        features = random(60, 2) @ random(2, 12) + 5
+        expected = cosines(features - features.mean(axis=0))
+        np.testing.assert_allclose(cosines(reduce_features(features, 2)), expected, atol=1e-3)
+
+    def test_a_blank_feature_stays_blank(self):
+        assert not reduce_features(np.zeros((2, 8), np.float32), 0).any()
 
 
-def test_a_blank_feature_stays_blank():
-    assert not reduce_features(np.zeros((2, 8), np.float32), 0).any()
+class TestDenseSift:
+    @pytest.mark.parametrize(("height", "width"), [(33, 47), (40, 2 * FEATURE_SIDE)])
+    def test_shape_and_norm(self, height: int, width: int):
+        frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+        described = DenseSift()(frame)
+        shrink = min(1, FEATURE_SIDE / width)
+        assert described.shape == (round(height * shrink), round(width * shrink), 128)
+        np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
+
+    @pytest.mark.parametrize("spot", [(20, 12), (44, 30), (33, 24)])
+    @pytest.mark.parametrize("enlarged", [1, 4])
+    def test_lies_where_the_image_does(self, spot: tuple[int, int], enlarged: int):
+        centre = centre_of_what_sees(DenseSift(), spot, enlarged)
+        np.testing.assert_allclose(centre, (np.array(spot) + 0.5) * enlarged - 0.5, atol=0.5)
 
 
-@pytest.mark.parametrize(("height", "width"), [(33, 47), (40, 2 * FEATURE_SIDE)])
-def test_dense_sift(height: int, width: int):
-    frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    described = dense_sift(frame)
-    shrink = min(1, FEATURE_SIDE / width)
-    assert described.shape == (round(height * shrink), round(width * shrink), 128)
-    np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
-
-
-@pytest.mark.parametrize("spot", [(20, 12), (44, 30), (33, 24)])
-@pytest.mark.parametrize("enlarged", [1, 4])
-def test_dense_sift_lies_where_the_image_does(spot: tuple[int, int], enlarged: int):
-    """The descriptors that see a dot in a blank frame are centred on the dot."""
+def centre_of_what_sees(
+    describe: FeatureExtractor, spot: tuple[int, int], enlarged: int, share: float = 0.3
+) -> np.ndarray:
+    """(x, y), in pixels of the frame, of the descriptors that a dot in a blank frame of 64 x 48 changes."""
     small = np.zeros((48, 64, 3), np.uint8)
+    blank = np.kron(small, np.ones((enlarged, enlarged, 1), np.uint8))
     small[spot[1], spot[0]] = 255
     frame = np.kron(small, np.ones((enlarged, enlarged, 1), np.uint8))
-    described = dense_sift(frame)
-    y, x = np.argwhere(np.abs(described - described[0, 0]).max(axis=-1) > 0.01).mean(axis=0)
-    assert x == pytest.approx((spot[0] + 0.5) * enlarged - 0.5, abs=0.5)
-    assert y == pytest.approx((spot[1] + 0.5) * enlarged - 0.5, abs=0.5)
+    change = np.abs(describe(frame) - describe(blank)).max(axis=-1)
+    y, x = np.argwhere(change > share * change.max()).mean(axis=0)
+    scale = np.array([frame.shape[1] / change.shape[1], frame.shape[0] / change.shape[0]])
+    return (np.array([x, y]) + 0.5) * scale - 0.5
+
+
+class TestAliked:
+    @pytest.mark.parametrize(("name", "channels"), [("n16", 128), ("t16", 64)])
+    def test_published_weights(self, shared: Path, name: str, channels: int):
+        weights = shared / "weights" / f"aliked-{name}.pth"
+        if not weights.is_file():
+            pytest.skip(f"no weights at {weights}")
+        describe = extractor("aliked", weights)
+        assert describe.channels == channels
+        frame = np.random.default_rng(0).integers(0, 256, (48, 70, 3), dtype=np.uint8)
+        described = describe(frame)
+        assert described.shape == (48, 70, channels)
+        np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
+        # where the change is largest: deeper levels see it from afar, on coarser rasters
+        np.testing.assert_allclose(centre_of_what_sees(describe, (33, 20), 1, 0.9), (33, 20), atol=2)
+
+    def test_other_weights_are_refused(self, tmp_path: Path):
+        torch.save({"weight": torch.zeros(2)}, tmp_path / "other.pth")
+        with pytest.raises(SupervisionError, match="does not hold ALIKED of a size that kornia knows"):
+            extractor("aliked", tmp_path / "other.pth")
+        torch.save(torch.nn.Linear(2, 2), tmp_path / "model.pth")
+        with pytest.raises(SupervisionError, match="is not a file of weights"):
+            extractor("aliked", tmp_path / "model.pth")
+
+    def test_no_internet(self, monkeypatch: pytest.MonkeyPatch):
+        def unreachable(*_: object, **__: object) -> None:
+            raise OSError("no route")
+
+        monkeypatch.setattr("kornia.feature.aliked.aliked.load_state_dict_from_url", unreachable)
+        with pytest.raises(SupervisionError, match=r"ALIKED cannot be downloaded.*--feature-weights.*densesift"):
+            AlikedFeatures()
+
+
+class TestDino:
+    @pytest.fixture
+    def weights(self, tmp_path: Path) -> Path:
+        """Of a ViT-S with patches of 16, random, under the names of DINO's own files."""
+        timm = pytest.importorskip("timm")
+        torch.manual_seed(0)
+        model = timm.create_model("vit_small_patch16_224", num_classes=0, depth=2)
+        file = tmp_path / "dino.pth"
+        torch.save({f"module.backbone.{key}": value for key, value in model.state_dict().items()}, file)
+        return file
+
+    def test_a_file_tells_the_network(self, weights: Path, monkeypatch: pytest.MonkeyPatch):
+        import timm
+
+        create = timm.create_model
+        monkeypatch.setattr(timm, "create_model", lambda name, **options: create(name, depth=2, **options))
+        describe = extractor("dino", weights)
+        assert describe.channels == 384
+        frame = np.random.default_rng(0).integers(0, 256, (60, 100, 3), dtype=np.uint8)
+        described = describe(frame)
+        assert described.shape == (4, 6, 384)  # 64 x 96 pixels in patches of 16
+        np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
+
+    def test_of_another_depth(self, weights: Path):
+        with pytest.raises(SupervisionError, match="does not fit DINO's ViT-S"):
+            extractor("dino", weights)
+
+    def test_of_something_else(self, tmp_path: Path):
+        torch.save({"weight": torch.zeros(2)}, tmp_path / "other.pth")
+        with pytest.raises(SupervisionError, match="does not hold DINO's ViT-S or ViT-B"):
+            extractor("dino", tmp_path / "other.pth")
+
+    def test_no_internet(self, monkeypatch: pytest.MonkeyPatch):
+        def unreachable(*_: object, **__: object) -> None:
+            raise OSError("no route")
+
+        monkeypatch.setattr("decomotion.data.features.dino.urlopen", unreachable)
+        monkeypatch.setattr("decomotion.data.features.dino.try_to_load_from_cache", lambda *_: None)
+        with pytest.raises(SupervisionError, match=r"DINO cannot be downloaded.*--feature-weights.*densesift"):
+            extractor("dino")
+
+    def test_no_timm(self, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setitem(sys.modules, "timm", None)
+        monkeypatch.delitem(sys.modules, "decomotion.data.features.dino", raising=False)
+        with pytest.raises(SupervisionError, match=r"pip install 'decomotion\[dino\]'"):
+            extractor("dino")
+
+
+def test_weights_for_features_without_any():
+    with pytest.raises(ConfigError, match="feature_weights go with features aliked or dino, not densesift"):
+        config("densesift", Path("weights.pth"))
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "multiple", "expected"), [(60, 100, 16, (64, 96)), (300, 600, 1, (256, 512)), (3, 4, 8, (8, 8))]
+)
+def test_resized(height: int, width: int, multiple: int, expected: tuple[int, int]):
+    assert resized(np.zeros((height, width, 3), np.uint8), 512, multiple).shape[:2] == expected
+
+
+class TestStage:
+    class Plain:
+        """Descriptors that tell the colour and the place."""
+
+        channels = 5
+        calls = 0
+
+        def __call__(self, frame: np.ndarray) -> np.ndarray:
+            self.calls += 1
+            y, x = np.mgrid[: frame.shape[0], : frame.shape[1]].astype(np.float32)
+            return np.concatenate([frame / 255, x[..., None], y[..., None]], axis=-1).astype(np.float32)
+
+    def clip(self) -> Clip:
+        return Clip("noise", np.random.default_rng(0).integers(0, 256, (3, 8, 9, 3), dtype=np.uint8), 24.0)
+
+    def test_read_at_the_points_and_reduced(self, tmp_path: Path):
+        points = np.random.default_rng(0).uniform(0, 7, (3, 20, 2)).astype(np.float32)
+        facts = build_feature_arrays(self.clip(), points, self.Plain(), 0, False, tmp_path)
+        feature = np.load(tmp_path / "feature.npy")
+        assert facts == {"channels": 5}
+        assert feature.dtype == np.float16
+        direction = feature[..., 3:] / np.linalg.norm(feature[..., 3:].astype(np.float32), axis=-1, keepdims=True)
+        expected = points / np.linalg.norm(points, axis=-1, keepdims=True)
+        np.testing.assert_allclose(direction, expected, atol=0.01)  # float16
+        assert read_reduction(tmp_path).vectors is None
+
+    def test_a_stopped_run_s_frames_are_found_again(self, tmp_path: Path):
+        points = np.zeros((3, 20, 2), np.float32)
+        (tmp_path / "described").mkdir()
+        np.save(tmp_path / "described" / "0.npy", np.ones((20, 5), np.float16))
+        (tmp_path / "described" / "1.npy").write_bytes(b"half")
+        describe = self.Plain()
+        build_feature_arrays(self.clip(), points, describe, 2, False, tmp_path)
+        assert describe.calls == 2
+        assert np.load(tmp_path / "feature.npy").shape == (3, 20, 2)
+        vectors = read_reduction(tmp_path).vectors
+        assert vectors is not None
+        assert vectors.shape == (5, 2)
+        assert not (tmp_path / "described").exists()

@@ -1,13 +1,24 @@
-"""Flow between two frames: its unit is a pixel of its own raster."""
+"""Flow between two frames: its unit is a pixel of its own raster, whoever estimates it."""
 
 from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-from decomotion.config import FlowConfig, load
-from decomotion.data.flow import DisFlow
+from decomotion.config import DisFlowConfig, FlowConfig, RaftFlowConfig, load
+from decomotion.data.flow import build_flow
+from decomotion.data.flow.dis import DisFlow
+from decomotion.data.flow.folder import FolderFlow
+from decomotion.data.flow.interface import enlarged, to_raster
+from decomotion.data.flow.raft import from_princeton, load_raft
+from decomotion.errors import SupervisionError
 
 SHIFT = (3, -2)
 
@@ -20,22 +31,212 @@ def shifted_texture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return texture[5 : 5 + height, 5 : 5 + width], texture[5 - dy : 5 - dy + height, 5 - dx : 5 - dx + width]
 
 
-def config(**changes: int) -> FlowConfig:
-    return load("cpu").data.flow.model_copy(update=changes)
+def dis(**changes: int) -> DisFlowConfig:
+    config = load("cpu").data.flow
+    assert isinstance(config, DisFlowConfig)
+    return config.model_copy(update=changes)
 
 
-@pytest.mark.parametrize(("height", "width"), [(64, 96), (75, 50)])
-def test_a_shift_is_found(height: int, width: int):
-    field = DisFlow(config())(*shifted_texture(height, width))
-    assert field.shape == (height, width, 2)
-    assert field.dtype == np.float32
-    # what DIS reaches on a clean texture
-    np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT, atol=0.05)
+def raft(weights: Path | None, kind: str = "raft-small", **changes: float) -> RaftFlowConfig:
+    config = load("cpu", flow=kind).data.flow
+    assert isinstance(config, RaftFlowConfig)
+    return config.model_copy(update={"weights": None if weights is None else str(weights), "iterations": 12, **changes})
 
 
-@pytest.mark.parametrize(("height", "width"), [(64, 96), (96, 64), (50, 99)])
-def test_a_coarser_raster_has_larger_pixels(height: int, width: int):
-    field = DisFlow(config(field_side=48))(*shifted_texture(height, width))
-    shrink = np.array([field.shape[1] / width, field.shape[0] / height])
-    assert max(field.shape) == 48
-    np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT * shrink, atol=0.02)
+@pytest.fixture
+def raft_small(shared: Path) -> Path:
+    file = shared / "weights" / "raft-small.pth"
+    if not file.is_file():
+        pytest.skip(f"no weights at {file}")
+    return file
+
+
+class TestRasters:
+    def test_each_axis_has_its_own_factor(self):
+        """A constant field of 10 x 6 pixels brought to 5 x 4: half as wide, two thirds as high."""
+        field = np.tile(np.array([4.0, 3.0], np.float32), (6, 10, 1))
+        smaller = to_raster(field, (5, 4))
+        assert smaller.shape == (4, 5, 2)
+        np.testing.assert_allclose(smaller, np.tile(np.array([2.0, 2.0]), (4, 5, 1)), atol=1e-6)
+
+    def test_the_limits_of_an_enlargement(self):
+        assert enlarged(100, 200, 2.0, 1000) == (400, 200)
+        assert enlarged(100, 200, 2.0, 300) == (300, 150)
+        assert enlarged(50, 60, 1.0, 1000, min_side=128) == (154, 128)
+
+
+class TestDis:
+    @pytest.mark.parametrize(("height", "width"), [(64, 96), (75, 50)])
+    def test_a_shift_is_found(self, height: int, width: int):
+        field = DisFlow(dis())(*shifted_texture(height, width))
+        assert field.shape == (height, width, 2)
+        assert field.dtype == np.float32
+        # what DIS reaches on a clean texture
+        np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT, atol=0.05)
+
+    @pytest.mark.parametrize(("height", "width"), [(64, 96), (96, 64), (50, 99), (33, 99)])
+    def test_a_coarser_raster_has_larger_pixels(self, height: int, width: int):
+        field = DisFlow(dis(field_side=48))(*shifted_texture(height, width))
+        shrink = np.array([field.shape[1] / width, field.shape[0] / height])
+        assert max(field.shape) == 48
+        np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT * shrink, atol=0.02)
+
+
+class TestRaft:
+    @pytest.mark.parametrize(("height", "width"), [(64, 96), (131, 203)])
+    def test_a_shift_is_found(self, raft_small: Path, height: int, width: int):
+        """Frames smaller than RAFT can take, and frames whose sides are no multiples of 8."""
+        estimate = build_flow(raft(raft_small))
+        field = estimate(*shifted_texture(height, width), (0, 1))
+        assert field.shape == (height, width, 2)
+        assert field.dtype == np.float32
+        # RAFT-small on blurred noise, which it was not trained on
+        np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT, atol=0.2)
+
+    def test_as_torchvision_does_it(self, raft_small: Path):
+        """On a frame that needs neither padding nor resizing, the field is torchvision's own, bit for bit."""
+        from torchvision.models.optical_flow import Raft_Small_Weights
+
+        first, second = shifted_texture(128, 136)
+        model = load_raft("raft-small", str(raft_small))
+        images = [torch.from_numpy(frame.copy()).permute(2, 0, 1)[None] for frame in (first, second)]
+        with torch.no_grad():
+            expected = model(*Raft_Small_Weights.DEFAULT.transforms()(*images), num_flow_updates=12)[-1]
+        field = build_flow(raft(raft_small))(first, second, (0, 1))
+        np.testing.assert_allclose(field, expected[0].permute(1, 2, 0).numpy(), atol=1e-3)
+
+    def test_both_forms_of_the_weights(self, raft_small: Path, tmp_path: Path):
+        from_the_original = load_raft("raft-small", str(raft_small))
+        torch.save(from_the_original.state_dict(), tmp_path / "torchvision.pth")
+        again = load_raft("raft-small", str(tmp_path / "torchvision.pth"))
+        for one, other in zip(from_the_original.state_dict().values(), again.state_dict().values(), strict=True):
+            assert torch.equal(one, other)
+
+    def test_the_large_checkpoint_s_names(self):
+        """The original's names of RAFT-large, put together from torchvision's by hand-written rules, lead back."""
+        from torchvision.models.optical_flow import raft_large
+
+        torch.manual_seed(0)
+        state = raft_large(weights=None).state_dict()
+        original = {f"module.{_original_name(key)}": value for key, value in state.items()}
+        for key in [key for key in original if ".downsample.1." in key and "cnet" in key]:
+            original[key.replace("downsample.1", "norm3")] = original[key]  # registered twice in the original
+        stripped = {key.removeprefix("module."): value for key, value in original.items()}
+        assert from_princeton(stripped).keys() == state.keys()
+
+    @pytest.mark.parametrize("content", ["text", "list", "other weights", "whole model"])
+    def test_other_files_are_refused(self, content: str, tmp_path: Path):
+        file = tmp_path / "weights.pth"
+        if content == "text":
+            file.write_text("no weights")
+        elif content == "whole model":
+            torch.save(torch.nn.Linear(2, 2), file)  # pickled code: not even opened
+        else:
+            torch.save([torch.zeros(2)] if content == "list" else {"weight": torch.zeros(2)}, file)
+        with pytest.raises(SupervisionError, match="--flow-weights"):
+            load_raft("raft-small", str(file))
+
+    def test_no_file(self, tmp_path: Path):
+        with pytest.raises(SupervisionError, match="does not exist"):
+            build_flow(raft(tmp_path / "nowhere.pth"))
+
+    def test_no_internet(self, monkeypatch: pytest.MonkeyPatch):
+        def unreachable(*_: object, **__: object) -> dict[str, Tensor]:
+            raise OSError("no route")
+
+        monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", unreachable)
+        with pytest.raises(
+            SupervisionError, match=r"cannot be downloaded .* give a file with --flow-weights, or take --flow dis"
+        ):
+            build_flow(raft(None, "raft-large"))
+
+
+def _original_name(key: str) -> str:
+    for pattern, replacement in (
+        (r"^feature_encoder", "fnet"),
+        (r"^context_encoder", "cnet"),
+        (r"^(.net)\.convnormrelu\.0", r"\1.conv1"),
+        (r"^(.net)\.convnormrelu\.1", r"\1.norm1"),
+        (r"^(.net)\.conv\.", r"\1.conv2."),
+        (r"\.convnormrelu(\d)\.0", r".conv\1"),
+        (r"\.convnormrelu(\d)\.1", r".norm\1"),
+        (r"motion_encoder\.conv\.0", "encoder.conv"),
+        (r"motion_encoder\.convcorr(\d)\.0", r"encoder.convc\1"),
+        (r"motion_encoder\.convflow(\d)\.0", r"encoder.convf\1"),
+        (r"recurrent_block\.convgru(\d)\.conv(.)", r"gru.conv\2\1"),
+        (r"^mask_predictor\.convrelu\.0", "update_block.mask.0"),
+        (r"^mask_predictor\.conv", "update_block.mask.2"),
+    ):
+        key = re.sub(pattern, replacement, key)
+    return key
+
+
+class TestFolder:
+    @pytest.fixture
+    def folder(self, tmp_path: Path) -> Path:
+        return tmp_path
+
+    def flow(self, folder: Path, **changes: int) -> FolderFlow:
+        config = load("cpu", flow=str(folder)).data.flow.model_copy(update=changes)
+        estimator = build_flow(config)
+        assert isinstance(estimator, FolderFlow)
+        return estimator
+
+    @pytest.mark.parametrize("suffix", [".npy", ".flo"])
+    @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+    def test_a_field_of_another_size_covers_the_image(self, folder: Path, suffix: str, dtype: type):
+        """A field of 20 x 10 for frames of 40 x 30: a pixel is two of theirs wide, three high."""
+        field = np.tile(np.array([4.0, 3.0], dtype), (10, 20, 1))
+        if suffix == ".npy":
+            np.save(folder / "2_5.npy", field)
+        else:
+            (folder / "2_5.flo").write_bytes(struct.pack("<fii", 202021.25, 20, 10) + field.astype("<f4").tobytes())
+        frame = np.zeros((30, 40, 3), np.uint8)
+        read = self.flow(folder)(frame, frame, (2, 5))
+        np.testing.assert_allclose(read, np.tile(np.array([8.0, 9.0]), (30, 40, 1)), rtol=1e-5)
+
+    def test_missing_pairs_are_named(self, folder: Path):
+        np.save(folder / "0_1.npy", np.zeros((4, 4, 2), np.float32))
+        estimator = self.flow(folder)
+        estimator.require([(0, 1)])
+        with pytest.raises(SupervisionError, match=r"lacks fields 1_0, 1_2; add them"):
+            estimator.require([(0, 1), (1, 0), (1, 2)])
+        with pytest.raises(SupervisionError, match="and 3 more"):
+            estimator.require([(frame, frame + 2) for frame in range(8)])
+
+    @pytest.mark.parametrize(
+        ("field", "message"),
+        [
+            (np.zeros((4, 4)), r"float64 \[4, 4\]; it must be float"),
+            (np.zeros((4, 4, 3)), r"must be float \[h, w, 2\]"),
+            (np.zeros((4, 4, 2), int), r"must be float \[h, w, 2\]"),
+            (np.full((4, 4, 2), np.nan), "not finite"),
+            (np.array([{}], object), "cannot be read or is damaged"),
+        ],
+    )
+    def test_other_content_is_refused(self, folder: Path, field: np.ndarray, message: str):
+        np.save(folder / "0_1.npy", field, allow_pickle=True)
+        frame = np.zeros((4, 4, 3), np.uint8)
+        with pytest.raises(SupervisionError, match=message):
+            self.flow(folder)(frame, frame, (0, 1))
+
+    @pytest.mark.parametrize("content", [b"", b"PIEH", struct.pack("<fii", 202021.25, 20, 10) + b"1234"])
+    def test_a_damaged_flo_is_refused(self, folder: Path, content: bytes):
+        (folder / "0_1.flo").write_bytes(content)
+        frame = np.zeros((4, 4, 3), np.uint8)
+        with pytest.raises(SupervisionError, match="damaged"):
+            self.flow(folder)(frame, frame, (0, 1))
+
+    def test_no_folder(self, tmp_path: Path):
+        with pytest.raises(SupervisionError, match="is no folder; give dis, raft-small, raft-large or one"):
+            self.flow(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("kind", ["dis", "raft-small"])
+def test_what_all_estimators_share_is_kept(kind: str):
+    former = load("cpu").data.flow
+    changed = load("cpu", overrides=("data.flow.field_side=300",), flow=kind).data.flow
+    assert changed.kind == kind
+    assert changed.field_side == 300
+    common = set(FlowConfig.model_fields) - {"field_side"}
+    assert changed.model_dump(include=common) == former.model_dump(include=common)

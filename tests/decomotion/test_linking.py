@@ -7,7 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from decomotion.data.linking import HOP_VARIANCE, Field, FieldLookup, Links, cycle_error, link, outside, sample
+from decomotion.data.linking import (
+    GAP_VARIANCE,
+    HOP_VARIANCE,
+    Field,
+    FieldLookup,
+    Links,
+    cycle_error,
+    link,
+    outside,
+    sample,
+)
 
 FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
 VELOCITY = np.array([1.5, -0.75], np.float32)
@@ -47,11 +57,15 @@ def test_constant_velocity_is_exact(step: int, intervals: tuple[int, ...]):
 
 
 @both_ways
-def test_as_few_hops_as_there_are_intervals_for(step: int):
+def test_the_cheapest_way_over_the_intervals(step: int):
+    cheapest = [0.0]
+    for gap in range(1, FRAMES):
+        cheapest.append(
+            min(cheapest[gap - hop] + HOP_VARIANCE + GAP_VARIANCE * hop**2 for hop in (1, 2, 4) if hop <= gap)
+        )
     for target, links in run(points_in_the_middle(), constant_velocity, step).items():
-        hops = [bin(gap % 4).count("1") + gap // 4 for gap in np.abs(target - links.sources).tolist()]
-        expected = np.broadcast_to(HOP_VARIANCE * np.array(hops)[:, None], links.variance.shape)
-        np.testing.assert_allclose(links.variance, expected, rtol=1e-4)
+        expected = np.array(cheapest)[np.abs(target - links.sources)][:, None]
+        np.testing.assert_allclose(links.variance, np.broadcast_to(expected, links.variance.shape), rtol=1e-4)
 
 
 @both_ways

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +15,13 @@ import pytest
 from decomotion.clip import Clip
 from decomotion.config import DataConfig, load
 from decomotion.data import prepare as preparation
+from decomotion.data.flow import Field, Frame
+from decomotion.data.flow.dis import DisFlow
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
-from decomotion.data.prepare import prepare
+from decomotion.data.prepare import prepare, prepare_in_stages
+from decomotion.data.stages import Record, Stage
 from decomotion.errors import SupervisionError
-from tiny_fit import FRAMES, SIZE, TINY_CPU, on_square, sliding_square, true_target, write_frames
+from tiny_fit import FRAMES, SIZE, TINY, TINY_CPU, on_square, sliding_square, true_target, write_frames
 
 MIDDLE = FRAMES // 2
 
@@ -56,7 +63,7 @@ class TestContent:
 
     def test_a_point_in_its_own_frame_is_itself(self, pool: Pool):
         frame = np.arange(FRAMES)
-        np.testing.assert_array_equal(pool.targets[frame, frame], pool.points)
+        np.testing.assert_allclose(pool.targets[frame, frame], pool.points, atol=1e-3)  # packed
         assert (pool.confidence[frame, frame] == 255).all()
 
     def test_what_leaves_the_image_or_is_covered_is_not_confident(self, pool: Pool):
@@ -90,16 +97,6 @@ class TestContent:
         np.testing.assert_allclose(np.linalg.norm(pool.feature.astype(np.float32), axis=-1), 1, atol=5e-3)  # float16
 
 
-def test_maps_of_another_raster_are_read_where_the_clip_s_pixels_are():
-    """A map at half the clip's resolution, whose values are its own x and y: clip pixel 0 lies at -0.25 in it."""
-    clip = Clip("half", np.zeros((2, 16, 24, 3), np.uint8), 24.0)
-    y, x = np.mgrid[:8, :12].astype(np.float32)
-    image = np.stack([x, y, x, y, x, y], axis=-1)
-    xy = np.array([[2.5, 4.5], [3.0, 4.0], [20.0, 11.5]], np.float32)
-    expected = np.tile((xy + 0.5) / 2 - 0.5, 3)
-    np.testing.assert_allclose(preparation._read_map(image, xy, clip), expected, atol=1e-3)
-
-
 class TestMasks:
     def test_none(self, clip: Clip):
         assert (prepare(clip, config("data.masks=none"), progress=False).moving == UNKNOWN_MOTION).all()
@@ -126,78 +123,180 @@ def test_two_frames():
     assert (pool.confidence[0, 1] > 0).mean() > 0.5
 
 
+class TestTracks:
+    @pytest.fixture
+    def file(self, tmp_path: Path) -> Path:
+        """Two points on the square; the second is hidden in the last frame."""
+        start = np.array([[5, 13], [11, 19]], np.float32)
+        frame = np.arange(FRAMES)
+        occluded = np.zeros((2, FRAMES), bool)
+        occluded[1, -1] = True
+        confidence = np.full((2, FRAMES), 0.5)
+        tracks = true_target(start[:, None], np.zeros(1, int), frame[None])
+        np.savez(tmp_path / "tracks.npz", tracks=tracks, occluded=occluded, confidence=confidence)
+        return tmp_path / "tracks.npz"
+
+    def test_they_come_after_the_grid_in_every_frame(self, clip: Clip, pool: Pool, file: Path):
+        with_tracks = prepare(clip, config(f"data.tracks={file}"), progress=False)
+        assert with_tracks.num_points == pool.num_points + 2
+        np.testing.assert_allclose(with_tracks.points[:, : pool.num_points], pool.points)
+        square = true_target(np.array([[5, 13], [11, 19]], np.float32), 0, np.arange(FRAMES)[:, None])
+        np.testing.assert_allclose(with_tracks.points[:, pool.num_points :], square)
+        links = with_tracks.targets[:, :, pool.num_points :]
+        np.testing.assert_allclose(links, np.broadcast_to(square, (FRAMES, *square.shape)), atol=1e-3)
+
+    def test_their_confidence_is_that_of_both_ends(self, clip: Clip, pool: Pool, file: Path):
+        confidence = prepare(clip, config(f"data.tracks={file}"), progress=False).confidence[..., pool.num_points :]
+        np.testing.assert_array_equal(confidence[..., 0], 128)
+        np.testing.assert_array_equal(confidence[:-1, :-1, 1], 128)
+        assert not confidence[-1, :, 1].any()
+        assert not confidence[:, -1, 1].any()
+
+    def test_more_of_them_than_the_pool_has_room_for(self, clip: Clip, file: Path):
+        settings = config(f"data.tracks={file}").model_copy(
+            update={"pool": config("data.pool.disk_limit=1", "data.pool.points_per_frame=100000").pool}
+        )
+        assert prepare(clip, settings, progress=False).num_points < 3000
+
+
+class TestLimits:
+    def test_a_small_disk_gets_fewer_points(self, clip: Clip):
+        pool = prepare(clip, config("data.pool.points_per_frame=100000", "data.pool.disk_limit=1"), progress=False)
+        size = sum(getattr(pool, name).nbytes for name in ("points", "confidence", "rgb", "feature", "moving"))
+        assert size + 2 * int(np.prod(pool.targets.shape)) == pytest.approx(2**20, rel=0.1)
+
+    def test_too_small_a_disk(self):
+        with pytest.raises(SupervisionError, match="a pool of 1 MiB is too small for 80 frames"):
+            prepare(Clip("long", np.zeros((80, 32, 32, 3), np.uint8), 24.0), config("data.pool.disk_limit=1"))
+
+
+class TestFilters:
+    def test_off_leaves_no_stage(self, clip: Clip):
+        prepared = prepare_in_stages(clip, config(), progress=False)
+        assert [stage.name for stage in prepared.stages] == ["links", "features", "motion"]
+
+    def test_on_leaves_fewer_links_which_are_better(self, clip: Clip, pool: Pool):
+        prepared = prepare_in_stages(clip, config("data.filters.cycle=0.5"), progress=False)
+        assert [stage.name for stage in prepared.stages] == ["links", "features", "filter", "motion"]
+        frame = np.arange(FRAMES)
+        truth = true_target(pool.points[:, None], frame[:, None, None], frame[None, :, None])
+        error = np.linalg.norm(pool.targets[...] - truth, axis=-1)
+        before, after = pool.confidence > 0, prepared.pool.confidence > 0
+        assert (after <= before).all()
+        assert 0.5 < after.sum() / before.sum() < 1
+        assert error[after].mean() < error[before & ~after].mean()
+
+
 class TestCache:
     @pytest.fixture
-    def builds(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
-        """An empty cache, and the folders into which pools are built."""
+    def builds(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+        """An empty cache, and the names of the stages that are built."""
         monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
-        build, folders = preparation._build, []
+        run, names = Stage.run, []
 
-        def counted(*args: object) -> None:
-            folders.append(args[3])
-            build(*args)  # type: ignore[arg-type]
+        def counted(stage: Stage, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
+            def build_and_count(folder: Path) -> dict[str, Any]:
+                names.append(stage.name)
+                return build(folder)
 
-        monkeypatch.setattr(preparation, "_build", counted)
-        return folders
+            return run(stage, build_and_count, rebuild)
 
-    def test_built_once(self, builds: list[Path], clip: Clip):
+        monkeypatch.setattr(Stage, "run", counted)
+        return names
+
+    def test_built_once(self, builds: list[str], clip: Clip):
         first = prepare(clip, config(), progress=False)
         again = prepare(dataclasses.replace(clip, name="renamed", fps=12.0), config(), progress=False)
-        assert len(builds) == 1
-        np.testing.assert_array_equal(first.targets, again.targets)
+        assert builds == ["links", "features", "motion"]
+        np.testing.assert_array_equal(first.targets[...], again.targets[...])
 
-    def test_built_anew_where_asked_for(self, builds: list[Path], clip: Clip, tmp_path: Path):
+    def test_built_anew_where_asked_for(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)
         prepare(clip, config(), rebuild=True, progress=False)
-        assert len(builds) == 2
-        assert len(list((tmp_path / "cache").iterdir())) == 1
+        assert builds == 2 * ["links", "features", "motion"]
 
-    def test_another_clip_or_setting_is_another_pool(self, builds: list[Path], clip: Clip):
+    def test_another_clip_is_another_pool(self, builds: list[str], clip: Clip):
         changed = clip.frames.copy()
         changed[0, 0, 0, 0] ^= 1
         prepare(clip, config("data.features=none"), progress=False)
         prepare(dataclasses.replace(clip, frames=changed), config("data.features=none"), progress=False)
-        prepare(clip, config("data.features=none", "data.pool.cycle_threshold=2"), progress=False)
-        prepare(clip, config("data.features=none", "data.masks=none"), progress=False)
-        assert len(builds) == 4
+        assert builds == 2 * ["links", "features", "motion"]
 
-    def test_other_masks_in_the_same_folder_are_another_pool(self, builds: list[Path], clip: Clip, tmp_path: Path):
+    @pytest.mark.parametrize(
+        ("override", "anew"),
+        [
+            ("data.pool.cycle_threshold=2", ["links", "motion"]),
+            ("data.flow.patch_stride=4", ["links", "motion"]),
+            ("data.prepare_budget=1000", ["links", "motion"]),
+            ("data.pool.points_per_frame=300", ["links", "features", "motion"]),
+            ("data.features=densesift", ["features"]),
+            ("data.masks=none", ["motion"]),
+            ("data.filters.cycle=1", ["filter", "motion"]),
+        ],
+    )
+    def test_a_setting_makes_anew_what_depends_on_it(
+        self, builds: list[str], clip: Clip, override: str, anew: list[str]
+    ):
+        prepare(clip, config("data.features=none"), progress=False)
+        builds.clear()
+        prepare(clip, config("data.features=none", override), progress=False)
+        assert builds == anew
+
+    def test_other_masks_in_the_same_folder_are_another_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
         settings = config("data.features=none", f"data.masks={tmp_path / 'masks'}")
         for level in (0, 255):
-            for file in (tmp_path / "masks").glob("*"):
-                file.unlink()
-            if (tmp_path / "masks").exists():
-                (tmp_path / "masks").rmdir()
+            shutil.rmtree(tmp_path / "masks", ignore_errors=True)
             write_frames(Clip("masks", np.full_like(clip.frames, level), 24.0), tmp_path / "masks")
             assert (prepare(clip, settings, progress=False).moving == (level > 0)).all()
-        assert len(builds) == 2
+        assert builds == ["links", "features", "motion", "motion"]
 
-    @pytest.mark.parametrize("failure", [KeyboardInterrupt, MemoryError])
-    def test_a_build_that_fails_leaves_nothing(
-        self,
-        builds: list[Path],
-        clip: Clip,
-        tmp_path: Path,
-        monkeypatch: pytest.MonkeyPatch,
-        failure: type[BaseException],
+    def test_a_killed_run_s_fields_and_gaps_are_gone_on_with(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
     ):
-        def fail(*args: object, **options: object) -> None:
-            assert list(builds[0].iterdir()), "written to already"
-            raise failure
+        settings = config("data.features=none", "data.flow.intervals=geometric")
+        whole = prepare(clip, settings, progress=False)
+        shutil.rmtree(preparation.cache_root())
+        called: list[tuple[int, int]] = []
 
-        settings = config("data.features=none")
-        with monkeypatch.context() as patch:
-            patch.setattr(preparation.camera, "chain", fail)
-            with pytest.raises(failure):
-                prepare(clip, settings, progress=False)
-        assert list((tmp_path / "cache").iterdir()) == []
-        assert prepare(clip, settings, progress=False).num_frames == FRAMES
+        class Killed(DisFlow):
+            def __call__(self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1)) -> Field:
+                called.append(pair)
+                if len(called) == 20:
+                    raise KeyboardInterrupt
+                return super().__call__(first, second, pair)
 
-    def test_what_a_killed_build_left_is_not_believed(self, builds: list[Path], clip: Clip, tmp_path: Path):
-        settings = config("data.features=none")
-        prepare(clip, settings, progress=False)
-        whole = next((tmp_path / "cache").iterdir())
-        left = whole.rename(whole.with_name(f"{whole.name}.999.partial"))
-        (left / "targets.npy").write_bytes(b"half")
-        assert prepare(clip, settings, progress=False).targets.shape[0] == FRAMES
-        assert len(builds) == 2
+        monkeypatch.setattr("decomotion.data.flow.dis.DisFlow", Killed)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(clip, settings, progress=False)
+        partial = next(preparation.cache_root().glob("*/.links-*.partial"))
+        (partial / "flow" / "0_1.npy").write_bytes(b"half")
+        assert json.loads((partial / "schedule.json").read_text())["intervals"] == [1, 2, 4]
+        done = {file.stem for file in (partial / "flow").glob("*.npy")} - {"0_1"}
+        assert len(done) > 10
+        called[:] = [(0, 0)] * 30
+        again = prepare(clip, settings, progress=False)
+        assert not done & {f"{first}_{second}" for first, second in called[30:]}
+        assert (0, 1) in called[30:]
+        np.testing.assert_array_equal(again.targets[...], whole.targets[...])
+        np.testing.assert_array_equal(again.confidence, whole.confidence)
+
+    def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
+        prepare(clip, config(), progress=False)
+        names = {file.name for file in preparation.cache_root().glob("*/links-*/*")}
+        assert names == {"points.npy", "rgb.npy", "targets.npy", "confidence.npy", "stage.json"}
+
+    def test_equal_gaps_from_another_estimator_of_the_same_fields(
+        self, builds: list[str], clip: Clip, pool: Pool, tmp_path: Path
+    ):
+        """The user's folder of DIS's fields gives DIS's pool."""
+        estimate = DisFlow(config().flow)  # type: ignore[arg-type]
+        for gap in (1, 2, 4):
+            for first in range(FRAMES):
+                for second in (first - gap, first + gap):
+                    if 0 <= second < FRAMES:
+                        field = estimate(clip.frames[first], clip.frames[second])
+                        np.save(tmp_path / f"{first}_{second}.npy", field)
+        settings = load("cpu", overrides=("data.feature_size=4", *TINY[1:]), flow=str(tmp_path)).data
+        from_folder = prepare(clip, settings, progress=False)
+        np.testing.assert_array_equal(from_folder.confidence, pool.confidence)
+        np.testing.assert_array_equal(from_folder.targets[...], pool.targets[...])

@@ -1,0 +1,50 @@
+"""OpenCV's Dense Inverse Search (Kroeger et al. 2016): no weights, fast on CPUs."""
+
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomotion.config import DisFlowConfig
+from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, to_raster
+
+
+class DisFlow:
+    """DIS, run on enlarged frames down to its finest scale; see `FlowEstimator`.
+
+    DIS's presets stop at half resolution and lose what moves by less than a pixel; enlarging the frames and
+    refining at scale 0 more than halves its error for seventeen times the cost.
+    """
+
+    concurrent = True
+
+    def __init__(self, config: DisFlowConfig) -> None:
+        self._config = config
+        self._of_thread = threading.local()  # OpenCV's object keeps buffers: one a thread
+
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1)) -> Field:  # noqa: ARG002
+        """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
+        height, width = first.shape[:2]
+        size = enlarged(height, width, self._config.upsample, self._config.max_side)
+        flow = self._dis().calc(_grey(first, size), _grey(second, size), None)  # type: ignore[call-overload]
+        return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
+
+    def require(self, pairs: list[tuple[int, int]]) -> None:
+        """It answers any pair."""
+
+    def _dis(self) -> cv2.DISOpticalFlow:
+        if not hasattr(self._of_thread, "dis"):
+            dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+            dis.setFinestScale(0)
+            dis.setPatchStride(self._config.patch_stride)
+            dis.setGradientDescentIterations(self._config.descent_iterations)
+            dis.setVariationalRefinementIterations(self._config.refinement_iterations)
+            self._of_thread.dis = dis
+        return self._of_thread.dis
+
+
+def _grey(frame: Frame, size: Size) -> npt.NDArray[np.uint8]:
+    return cv2.resize(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_CUBIC).astype(np.uint8)

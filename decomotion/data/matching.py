@@ -1,0 +1,181 @@
+"""Matching: places of one frame found again in another by what they look like, whatever happened in between.
+
+Flow follows a point while it moves a little at a time; what was hidden for longer than its gaps, or moved too fast, is
+lost to it. Descriptors of two scales and the colour are compared between coarse grids of cells over both frames, all
+with all. A match is trusted where it is mutual and where cells around it moved likewise.
+
+Positions are refined to a fraction of a cell; they are less precise than flow, so that linking takes a match only where
+no flow leads (`decomotion/data/linking.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from tqdm import tqdm
+
+from decomotion.clip import Clip
+from decomotion.config import MatchingConfig
+from decomotion.data.features.densesift import DenseSift
+from decomotion.data.features.interface import resized
+from decomotion.data.features.reduction import fit_reduction
+
+SIDE = 256
+"""Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
+CELL = 2
+"""Descriptors along a cell's side."""
+CHANNELS = 64
+"""Of a descriptor after PCA."""
+COLOUR_WEIGHT = 2.0
+"""Of the Lab colours, in [-0.5, 0.5], beside the two SIFT descriptors of unit norm."""
+COLOUR_BLUR = 1.5
+"""Standard deviation in pixels with which colours are smoothed."""
+REACH = 2
+"""Descriptors on each side of a cell's best match among which it is refined."""
+MUTUAL_CELLS = 1.5
+"""A match is mutual if the way there and back ends this near to where it began."""
+NEIGHBOURHOOD = 2
+"""Cells around a match that are asked whether they moved likewise: up to this many rows and columns away."""
+LIKEWISE_CELLS = 0.75
+"""Displacements that differ by less than this are alike."""
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Where the cells of one frame are in another."""
+
+    displacement: npt.NDArray[np.float32]
+    """[h, w, 2]: (x, y) in cells; the raster of cells covers the frame."""
+    trusted: npt.NDArray[np.bool_]
+    """[h, w]: mutual, and supported by the cells around."""
+
+
+class MatchStore:
+    """The matches between all frames that are one of the configured gaps apart.
+
+    Args:
+        clip: the frames.
+        config: which gaps are matched, and how many neighbours have to agree.
+        progress: show a progress bar.
+    """
+
+    def __init__(self, clip: Clip, config: MatchingConfig, progress: bool) -> None:
+        self.intervals = tuple(gap for gap in config.intervals if gap < len(clip))
+        self._supporters = config.supporters
+        self._matches: dict[tuple[int, int], Matches] = {}
+        if not self.intervals:
+            return
+        maps = describe(clip)
+        pairs = [(first, first + gap) for gap in self.intervals for first in range(len(clip) - gap)]
+        for first, second in tqdm(pairs, "match", disable=not progress, leave=False):
+            forward, backward = self._both_ways(maps[first].float(), maps[second].float())
+            self._matches[first, second], self._matches[second, first] = forward, backward
+
+    def __call__(self, first: int, second: int) -> Matches:
+        """From frame `first` to frame `second`."""
+        return self._matches[first, second]
+
+    def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
+        with torch.inference_mode():
+            cells_a, cells_b = _pooled(a), _pooled(b)
+            similarity = cells_a.flatten(0, 1) @ cells_b.flatten(0, 1).T
+            best_ab, best_ba = similarity.argmax(1), similarity.argmax(0)
+            width = cells_a.shape[1]
+            return (
+                self._judged(_refined(cells_a, b, best_ab), _returns(best_ab, best_ba, width)),
+                self._judged(_refined(cells_b, a, best_ba), _returns(best_ba, best_ab, width)),
+            )
+
+    def _judged(self, displacement: Float[Tensor, "h w 2"], mutual: Bool[Tensor, " cell"]) -> Matches:
+        mutual = mutual.reshape(displacement.shape[:2])
+        trusted = mutual & (supporters(displacement, mutual) >= self._supporters)
+        return Matches(displacement.numpy(), trusted.numpy())
+
+
+def describe(clip: Clip) -> Float[Tensor, "frame h w channel"]:
+    """Descriptors of every frame, float16 of unit norm."""
+    sift = DenseSift()
+    samples = [_describe(frame, sift)[::2, ::2] for frame in clip.frames[::4]]
+    reduce = fit_reduction(np.stack(samples), CHANNELS)
+    return torch.from_numpy(np.stack([reduce(_describe(frame, sift)).astype(np.float16) for frame in clip.frames]))
+
+
+def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.float32]:
+    """[h, w, channel] on half the raster of the reduced frame: SIFT at two scales and the smoothed colour."""
+    fine = resized(frame, SIDE, multiple=2 * CELL)
+    lab = cv2.cvtColor(cv2.GaussianBlur(fine, (0, 0), COLOUR_BLUR), cv2.COLOR_RGB2LAB)
+    colour = COLOUR_WEIGHT * (lab.astype(np.float32) / 255 - 0.5)
+    halved = (fine.shape[1] // 2, fine.shape[0] // 2)
+    coarse = sift(cv2.resize(fine, halved, interpolation=cv2.INTER_AREA))
+    return np.concatenate([_pooled(torch.from_numpy(sift(fine))), coarse, _pooled(torch.from_numpy(colour))], axis=-1)
+
+
+def _pooled(image: Float[Tensor, "h w channel"]) -> Float[Tensor, "row column channel"]:
+    """Means of squares of 2 x 2."""
+    return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
+
+
+def _refined(
+    cells: Float[Tensor, "row column channel"], other: Float[Tensor, "h w channel"], best: Int[Tensor, " cell"]
+) -> Float[Tensor, "row column 2"]:
+    """Displacements in cells to the most similar descriptor near each cell's `best` cell, refined by a parabola."""
+    rows, columns, channels = cells.shape
+    height, width = other.shape[:2]
+    side = 2 * REACH + CELL
+    corner_y, corner_x = best // columns * CELL, best % columns * CELL
+    offset = torch.arange(-REACH, REACH + CELL)
+    y = (corner_y[:, None] + offset).clamp(0, height - 1)[:, :, None].expand(-1, side, side)
+    x = (corner_x[:, None] + offset).clamp(0, width - 1)[:, None, :].expand(-1, side, side)
+    near = other.flatten(0, 1)[(y * width + x).flatten()].reshape(-1, side * side, channels)
+    similarity = torch.einsum("pc,poc->po", cells.flatten(0, 1), near)
+    top = similarity.argmax(1)
+    row, column = top // side, top % side
+    grid = similarity.reshape(-1, side, side)
+    each = torch.arange(len(top))
+    found_x = x[each, row, column] + _peak(grid[each, row], column)
+    found_y = y[each, row, column] + _peak(grid[each, :, column], row)
+    own = torch.arange(rows * columns)
+    middle = (CELL - 1) / 2
+    moved = torch.stack([found_x - own % columns * CELL - middle, found_y - own // columns * CELL - middle], dim=-1)
+    return (moved / CELL).reshape(rows, columns, 2)
+
+
+def _peak(values: Float[Tensor, "cell sample"], top: Int[Tensor, " cell"]) -> Float[Tensor, " cell"]:
+    """How far beside its largest sample `top` a parabola through three samples peaks; 0 at the border."""
+    last = values.shape[1] - 1
+    each = torch.arange(len(top))
+    before, at, after = values[each, (top - 1).clamp(0)], values[each, top], values[each, (top + 1).clamp(max=last)]
+    bend = before - 2 * at + after
+    inside = (top > 0) & (top < last) & (bend < -1e-5)
+    return torch.where(inside, (0.5 * (before - after) / bend.clamp(max=-1e-5)).clamp(-0.5, 0.5), 0.0)
+
+
+def _returns(there: Int[Tensor, " cell"], back: Int[Tensor, " other"], width: int) -> Bool[Tensor, " cell"]:
+    """Whether the best match's best match is the cell itself or next to it. All frames have `width` columns."""
+    returned = back[there]
+    own = torch.arange(len(there))
+    away = torch.stack([returned % width - own % width, returned // width - own // width], dim=-1)
+    return away.float().norm(dim=-1) <= MUTUAL_CELLS
+
+
+def supporters(displacement: Float[Tensor, "h w 2"], mutual: Bool[Tensor, "h w"]) -> Int[Tensor, "h w"]:
+    """How many of the cells around each, itself not counted, have a mutual match that moved likewise."""
+    height, width = mutual.shape
+    reach = NEIGHBOURHOOD
+    padded = F.pad(displacement.permute(2, 0, 1), [reach] * 4)
+    also = F.pad(mutual, [reach] * 4)
+    count = torch.zeros(height, width, dtype=torch.int64)
+    for down in range(2 * reach + 1):
+        for right in range(2 * reach + 1):
+            if (down, right) != (reach, reach):
+                around = padded[:, down : down + height, right : right + width].permute(1, 2, 0)
+                alike = (around - displacement).norm(dim=-1) < LIKEWISE_CELLS
+                count += alike & also[down : down + height, right : right + width]
+    return count

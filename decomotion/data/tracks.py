@@ -1,0 +1,128 @@
+"""Tracks that the user brings, from any tracker: further correspondences for the pool."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from decomotion.clip import Clip
+from decomotion.errors import SupervisionError
+
+NAMES = ("tracks", "occluded", "queries", "confidence")
+QUERY_TOLERANCE = 0.05
+"""Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
+
+
+@dataclass(frozen=True)
+class UserTracks:
+    """N points through all T frames."""
+
+    xy: npt.NDArray[np.float32]
+    """[N, T, 2], pixels of the clip, finite."""
+    confidence: npt.NDArray[np.float32]
+    """[N, T], in [0, 1]; 0 where the point is hidden or outside the image."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def points(self, clip: Clip) -> npt.NDArray[np.float32]:
+        """[T, N, 2]: where the points are looked at in each frame; those outside, at the nearest pixel inside."""
+        return np.clip(self.xy.swapaxes(0, 1), 0, np.array([clip.width - 1, clip.height - 1], np.float32))
+
+    def confidence_from(self, frame: int) -> npt.NDArray[np.float32]:
+        """[N, T]: of the links from one frame to each frame; the lesser of both ends', and 0 where either is hidden."""
+        return np.minimum(self.confidence[:, frame, None], self.confidence)
+
+    def digest(self) -> str:
+        """Hash of the content."""
+        return hashlib.sha256(self.xy.tobytes() + self.confidence.tobytes()).hexdigest()
+
+
+def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
+    """The tracks in a `.npz` file: `tracks`, `occluded`, optionally `queries` and `confidence` (`docs/formats.md`).
+
+    Raises `SupervisionError` where the file is none, or does not fit the clip.
+    """
+    where = f"--tracks {path}"
+    arrays = _read(Path(path), where)
+    for name in ("tracks", "occluded"):
+        if name not in arrays:
+            raise SupervisionError(f"{where} has no array {name!r}; it must have 'tracks' and 'occluded', [N, T, …]")
+    frames, queries = len(clip), arrays.get("queries")
+    if queries is not None and (queries.ndim != 2 or queries.shape[1] != 3):
+        raise SupervisionError(f"{where}: queries is {list(queries.shape)}; it must be [N, 3], rows of (t, x, y)")
+    tracks = _point_first(arrays["tracks"], 3, frames, queries, f"{where}: tracks")
+    if tracks.shape[2] != 2:
+        raise SupervisionError(f"{where}: tracks is {list(tracks.shape)}; it must be [N, T, 2], (x, y) in pixels")
+    points = len(tracks)
+    if not points:
+        raise SupervisionError(f"{where} holds no track; leave it out")
+    hidden = _point_first(arrays["occluded"].astype(np.bool_), 2, frames, queries, f"{where}: occluded")
+    confidence = np.ones(hidden.shape, np.float32)
+    if "confidence" in arrays:
+        confidence = _point_first(arrays["confidence"], 2, frames, queries, f"{where}: confidence").astype(np.float32)
+        if not ((confidence >= 0) & (confidence <= 1)).all():
+            raise SupervisionError(f"{where}: confidence must lie in [0, 1]")
+    for name, array in (("occluded", hidden), ("confidence", confidence)):
+        if len(array) != points:
+            raise SupervisionError(f"{where}: {name} has {len(array)} points but tracks has {points}")
+    finite = np.asarray(np.isfinite(tracks).all(axis=-1))
+    if not (finite | hidden).all():
+        raise SupervisionError(f"{where}: tracks are not finite numbers where occluded says that they are seen")
+    if queries is not None:
+        _check_queries(queries, tracks, hidden, max(clip.height, clip.width), where)
+    middle = np.array([(clip.width - 1) / 2, (clip.height - 1) / 2])
+    xy = np.where(finite[..., None], tracks, middle).astype(np.float32)
+    seen = ~hidden & ((xy >= -0.5) & (xy <= np.array([clip.width, clip.height]) - 0.5)).all(axis=-1)
+    if not seen.any():
+        raise SupervisionError(f"{where}: no point is seen inside the {clip.width}x{clip.height} image of any frame")
+    return UserTracks(xy, np.where(seen, confidence, 0).astype(np.float32))
+
+
+def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
+    if not path.is_file():
+        raise SupervisionError(f"{where} does not exist; give an .npz file")
+    try:
+        content = np.load(path, allow_pickle=False)
+        if not isinstance(content, np.lib.npyio.NpzFile):
+            raise ValueError("one array")
+        with content:
+            arrays = {name: content[name] for name in NAMES if name in content}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise SupervisionError(f"{where} is not an .npz file of plain arrays; save it with numpy.savez") from error
+    for name, array in arrays.items():
+        if not (np.issubdtype(array.dtype, np.number) or array.dtype == np.bool_):
+            raise SupervisionError(f"{where}: {name} holds {array.dtype}; it must hold numbers")
+    return arrays
+
+
+def _point_first(array: npt.NDArray, axes: int, frames: int, queries: npt.NDArray | None, what: str) -> npt.NDArray:
+    """The array with its points first, [N, T, …], whichever order it came in; the queries tell N where T equals it."""
+    if array.ndim != axes or frames not in array.shape[:2]:
+        order = "[N, T, 2]" if axes == 3 else "[N, T]"
+        raise SupervisionError(f"{what} is {list(array.shape)}; it must be {order} with the clip's T = {frames} frames")
+    if array.shape[1] != frames:
+        return array.swapaxes(0, 1)
+    return array if queries is None or len(array) == len(queries) else array.swapaxes(0, 1)
+
+
+def _check_queries(queries: npt.NDArray, tracks: npt.NDArray, hidden: npt.NDArray, side: int, where: str) -> None:
+    frames = tracks.shape[1]
+    if len(queries) != len(tracks):
+        raise SupervisionError(f"{where}: queries has {len(queries)} points but tracks has {len(tracks)}")
+    frame = queries[:, 0]
+    if not ((frame >= 0) & (frame < frames) & (frame == np.round(frame))).all():
+        raise SupervisionError(f"{where}: queries begin with a frame, a whole number in 0 … {frames - 1}")
+    row = np.arange(len(queries))
+    seen = ~hidden[row, frame.astype(int)]
+    miss = np.linalg.norm(tracks[row, frame.astype(int)] - queries[:, 1:], axis=-1)[seen]
+    if len(miss) and np.median(miss) > QUERY_TOLERANCE * side:
+        raise SupervisionError(
+            f"{where}: tracks lie {np.median(miss):.0f} pixels (median) from their own queries; "
+            "both must be (x, y) in pixels of the clip, queries with the frame first: (t, x, y)"
+        )

@@ -1,0 +1,56 @@
+"""Weights of the networks that supervise: from their publishers on first use, or from the user's file.
+
+A file is read with `weights_only=True`, so that nothing in it can run.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.error import URLError
+
+import torch
+from torch import Tensor
+
+from decomotion.errors import SupervisionError
+
+Module = TypeVar("Module")
+
+
+def read_state(path: str | Path, option: str) -> dict[str, Tensor]:
+    """The state dict in a file, a `module.` prefix and an enclosing `state_dict` or `model` entry removed.
+
+    Raises `SupervisionError` naming `option` where there is no such file or it holds something else.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise SupervisionError(f"{option} {path} does not exist; give a file of weights")
+    try:
+        if path.suffix == ".safetensors":
+            from safetensors.torch import load_file
+
+            content: Any = load_file(path)
+        else:
+            content = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, TypeError, ValueError, OSError) as error:
+        raise SupervisionError(f"{option} {path} is not a file of weights, or is damaged; give another") from error
+    except Exception as error:  # safetensors' own, which derives from Exception directly
+        if type(error).__name__ != "SafetensorError":
+            raise
+        raise SupervisionError(f"{option} {path} is not a safetensors file, or is damaged; give another") from error
+    for key in ("state_dict", "model"):
+        if isinstance(content, dict) and isinstance(content.get(key), dict):
+            content = content[key]
+    if not isinstance(content, dict) or not content or not all(isinstance(each, Tensor) for each in content.values()):
+        raise SupervisionError(f"{option} {path} holds no state dict; give a file of weights")
+    return {str(key).removeprefix("module."): value for key, value in content.items()}
+
+
+def downloaded(load: Callable[[], Module], what: str, instead: str) -> Module:
+    """What `load` returns; where its download fails, a `SupervisionError` that says what to do `instead`."""
+    try:
+        return load()
+    except (OSError, URLError, RuntimeError) as error:  # no network, or a file that does not fit its hash
+        raise SupervisionError(f"the weights of {what} cannot be downloaded on this machine; {instead}") from error

@@ -1,0 +1,118 @@
+"""Options that `decomo-train` and `decomo-prepare` share: what decides the supervision of a clip."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from decomotion.errors import ConfigError
+
+if TYPE_CHECKING:
+    from decomotion.config import Config
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Duration(click.ParamType):
+    """Seconds from text such as `90`, `90s`, `10m` or `1.5h`."""
+
+    name = "duration"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parses; a number that is already one passes."""
+        if isinstance(value, (int, float)):
+            return float(value)
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh]?)", str(value).strip())
+        if match is None or float(match[1]) <= 0:
+            self.fail(f"{value!r} is not a duration; write for example 90s, 10m or 1.5h", param, ctx)
+        return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """What the user said about the configuration; None: as the preset has it."""
+
+    preset: str
+    overrides: tuple[str, ...]
+    file: Path | None
+    flow: str | None
+    flow_weights: str | None
+    features: str | None
+    feature_weights: str | None
+    masks: str | None
+    tracks: str | None
+    prepare_budget: float | None
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing was said but the preset."""
+        said = (self.flow, self.flow_weights, self.features, self.feature_weights, self.masks, self.tracks)
+        return not self.overrides and self.file is None and self.prepare_budget is None and not any(said)
+
+    def config(self, device: str) -> Config:
+        """The resolved configuration; the preset `auto` depends on the device."""
+        from decomotion import config as configuration
+
+        name = self.preset if self.preset != "auto" else "paper" if device.startswith("cuda") else "cpu"
+        chosen = {
+            "data.features": self.features,
+            "data.feature_weights": self.feature_weights,
+            "data.masks": self.masks,
+            "data.tracks": self.tracks,
+            "data.prepare_budget": self.prepare_budget,
+            "data.flow.weights": self.flow_weights,
+        }
+        overrides = tuple(f"{key}={json.dumps(value)}" for key, value in chosen.items() if value is not None)
+        try:
+            return configuration.load(name, self.file, (*overrides, *self.overrides), flow=self.flow)
+        except ConfigError as error:
+            if self.flow_weights is not None and "there is no key data.flow.weights" in str(error):
+                raise ConfigError("--flow-weights goes with --flow raft-small or raft-large") from error
+            raise
+
+
+SUPERVISION_OPTIONS = (
+    click.option(
+        "--preset",
+        type=click.Choice(["auto", "cpu", "omnimotion", "paper"]),
+        default="auto",
+        help="Sizes, losses and schedules; auto: paper where there is a CUDA device, else cpu.",
+    ),
+    click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override one configuration value."),
+    click.option("--config", "file", type=click.Path(path_type=Path), help="YAML file to use in place of a preset."),
+    click.option(
+        "--flow",
+        metavar="dis|raft-small|raft-large|DIR",
+        help="Optical flow, or a folder of fields <i>_<j>.flo or .npy.  [default: the preset's]",
+    ),
+    click.option("--flow-weights", metavar="FILE", help="Weights of RAFT, torchvision's or the original's."),
+    click.option(
+        "--features",
+        type=click.Choice(["densesift", "aliked", "dino", "none"]),
+        help="Dense features to render.  [default: the preset's]",
+    ),
+    click.option("--feature-weights", metavar="FILE", help="Weights of ALIKED or DINO."),
+    click.option(
+        "--masks", metavar="auto|none|DIR", help="Motion masks: auto, none, or a folder.  [default: the preset's]"
+    ),
+    click.option("--tracks", metavar="FILE", help="Tracks of any tracker, .npz, as further correspondences."),
+    click.option(
+        "--prepare-budget",
+        type=Duration(),
+        help="Time that preparation should take at most: thins the gaps at which flow is computed.  [default: the "
+        "preset's]",
+    ),
+)
+
+
+def supervision_options(command: Function) -> Function:
+    """Adds the options to a command, which gets their values as the keyword arguments of `Supervision`."""
+    for option in reversed(SUPERVISION_OPTIONS):
+        command = option(command)
+    return command

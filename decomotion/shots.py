@@ -1,0 +1,79 @@
+"""Clips of several shots: one run and one model for each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from decomotion.clip import Clip
+from decomotion.data.cuts import find_cuts
+from decomotion.errors import ClipError
+from decomotion.files import replacing
+
+FILE_NAME = "shots.json"
+"""In the folder of the clip's runs: `docs/formats.md`."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Some frames of a clip, which is fitted as a clip of its own, numbered from 0."""
+
+    name: str
+    """Of the run's folder: `shot-000`, …"""
+    begin: int
+    """First frame in the clip."""
+    end: int
+    """The frame after its last."""
+
+
+def check_one_shot(clip: Clip) -> None:
+    """Raises `ClipError` where the clip has cuts."""
+    cuts = find_cuts(clip.frames)
+    if cuts:
+        many = "s" if len(cuts) > 1 else ""
+        raise ClipError(
+            f"{clip.name} cuts to another shot at frame{many} {', '.join(map(str, cuts))}, and no motion leads across; "
+            "fit each shot by itself with --shots split, or take it as one shot with --shots ignore"
+        )
+
+
+def shots_of(clip: Clip) -> list[Shot]:
+    """The clip's shots; one where it has no cut.
+
+    Raises `ClipError` where one has a single frame.
+    """
+    bounds = [0, *find_cuts(clip.frames), len(clip)]
+    shots = [Shot(f"shot-{number:03d}", begin, end) for number, (begin, end) in enumerate(pairwise(bounds))]
+    for shot in shots:
+        if shot.end - shot.begin < 2:
+            raise ClipError(
+                f"{clip.name} has a shot of one frame, {shot.begin}, and motion needs at least two; "
+                "leave that frame out, or take the clip as one shot with --shots ignore"
+            )
+    return shots
+
+
+def each_shot(clip: Clip, folder: Path, fit: Callable[[Clip, Path, float], Path]) -> list[Path]:
+    """Calls `fit` with each shot's clip, run folder and share of the clip's frames; returns the run folders.
+
+    Writes `shots.json` into `folder` first, which tells where each shot lies in the clip.
+    """
+    shots = shots_of(clip)
+    with replacing(folder / FILE_NAME) as file:
+        content = {"clip": clip.name, "num_frames": len(clip), "shots": [asdict(shot) for shot in shots]}
+        file.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return [
+        fit(clip.part(shot.begin, shot.end, shot.name), folder / shot.name, (shot.end - shot.begin) / len(clip))
+        for shot in shots
+    ]
+
+
+def runs_of_shots(folder: Path) -> list[Path]:
+    """The run folders of a clip that was split; empty where `folder` is not the folder of one."""
+    file = folder / FILE_NAME
+    if not file.is_file():
+        return []
+    return [folder / Shot(**shot).name for shot in json.loads(file.read_text(encoding="utf-8"))["shots"]]

@@ -1,0 +1,69 @@
+"""Scores by kind of point: on the static scene, on moving objects, visible again after an occlusion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_eval.errors import EvalError
+from decomo_eval.metrics import position_accuracy, reappeared
+from decomo_eval.predictions import Prediction
+from decomo_eval.scoring import score
+from decomo_eval.tapvid import RASTER_SIZE, Queries
+
+BoolArray = npt.NDArray[np.bool_]
+
+COUNT = "count"
+"""Beside the metrics of a split: how many queries (static, dynamic) or points (reappeared) it has."""
+
+
+def score_splits(
+    queries: Queries, prediction: Prediction, query_mode: str, object_masks: BoolArray | None = None
+) -> dict[str, dict[str, float]]:
+    """Metrics of parts of one video's points, each with its `count`; nan where there is nothing to count.
+
+    static, dynamic: all metrics (`scoring.score`) of the queries off and on `object_masks`, judged in the query's own
+        frame, where the point is visible. Only with `object_masks`; a split without queries is left out.
+    reappeared: position accuracy (`metrics.position_accuracy`) in the frames in which a point is visible again after
+        an occlusion (`metrics.reappeared`).
+
+    Args:
+        queries: of the video.
+        prediction: the answers to them.
+        query_mode: `strided` or `first`.
+        object_masks: bool [T, H, W], True where a moving object is seen; of any size, over the whole image.
+    """
+    splits: dict[str, dict[str, float]] = {}
+    if object_masks is not None:
+        dynamic = on_objects(queries, object_masks)
+        for name, rows in (("static", ~dynamic), ("dynamic", dynamic)):
+            if rows.any():
+                chosen = Queries(queries.points[rows], queries.tracks[rows], queries.occluded[rows])
+                answers = Prediction(prediction.tracks[rows], prediction.occluded[rows])
+                splits[name] = {COUNT: int(rows.sum()), **score(chosen, answers, query_mode)}
+    again = reappeared(queries.points[None], queries.occluded[None], query_mode)
+    shares = position_accuracy(queries.tracks[None], prediction.tracks[None], again)
+    splits["reappeared"] = {COUNT: int(again.sum()), **_first_video(shares)}
+    return splits
+
+
+def on_objects(queries: Queries, object_masks: BoolArray) -> BoolArray:
+    """[N] bool: whether each query point lies on a masked pixel [T, H, W] of its frame.
+
+    Raises `EvalError` where the masks are not of as many frames as the video.
+    """
+    if object_masks.ndim != 3 or len(object_masks) != queries.occluded.shape[1]:
+        raise EvalError(
+            f"object masks must be [T, H, W] with T = {queries.occluded.shape[1]} frames, but they are "
+            f"{list(object_masks.shape)}"
+        )
+    size = np.array(object_masks.shape[1:])
+    frame = np.round(queries.points[:, 0]).astype(np.int64)
+    row, column = np.clip(np.floor(queries.points[:, 1:] * size / RASTER_SIZE).astype(np.int64), 0, size - 1).T
+    return object_masks[frame, row, column]
+
+
+def _first_video(metrics: Mapping[str, npt.NDArray[np.floating]]) -> dict[str, float]:
+    return {name: float(value[0]) for name, value in metrics.items()}

@@ -1,0 +1,90 @@
+"""Tracks by flow alone, from a flow that is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from decomo_eval.tapvid import Queries, pixels_to_raster
+from decomotion.config import load
+from harness.flow_tracks import METHODS, Fields, direct, linked, track
+
+FRAMES, HEIGHT, WIDTH = 6, 20, 30
+VIDEO = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+VIDEO[:, 0, 0, 0] = np.arange(FRAMES)
+"""Its first pixel is the frame's number, so that an estimator knows which frames it is given."""
+DATA = load("cpu", overrides=("data.flow.intervals=[1,2]",)).data
+
+
+def pan(first: np.ndarray, second: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
+    """Everything moves by (2, 1) pixels a frame; the field's raster is half the frames'."""
+    gap = int(second[0, 0, 0]) - int(first[0, 0, 0])
+    return np.broadcast_to(np.array([1.0, 0.5], np.float32) * gap, (HEIGHT // 2, WIDTH // 2, 2))
+
+
+def true_tracks(points: np.ndarray) -> np.ndarray:
+    """[N, T, 2] of queries (t, x, y)."""
+    return points[:, None, 1:] + (np.arange(FRAMES)[None, :, None] - points[:, :1, None]) * [2.0, 1.0]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exact_flow_gives_exact_tracks_on_the_benchmark_s_raster(method: str):
+    points = np.array([[0, 3.0, 4.0], [2, 10.0, 6.0], [2, 8.0, 7.0], [5, 20.0, 15.0], [0, 25.0, 5.0]])
+    xy = true_tracks(points)
+    raster = pixels_to_raster(points[:, 1:], WIDTH, HEIGHT)
+    asked = np.column_stack([points[:, 0], raster[:, ::-1]])
+    tracks = pixels_to_raster(xy, WIDTH, HEIGHT)
+    queries = Queries(asked, tracks, np.zeros(tracks.shape[:2], bool))
+    prediction = track(method, queries, Fields(VIDEO, pan), DATA)
+    np.testing.assert_allclose(prediction.tracks, tracks, atol=1e-3)  # float32 and float16
+    outside = (xy[..., 0] > WIDTH - 0.5) | (xy[..., 1] > HEIGHT - 0.5)
+    assert outside.any()
+    np.testing.assert_array_equal(prediction.occluded, outside)
+
+
+class Broken:
+    """Still, but from frame 2 on flow forward and backward disagree by `error` pixels at one crossing, 2 to 3."""
+
+    def __init__(self, error: float) -> None:
+        self.error = error
+
+    def __call__(self, first: np.ndarray, second: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
+        field = np.zeros((256, 256, 2), np.float32)
+        if (int(first[0, 0, 0]), int(second[0, 0, 0])) == (2, 3):
+            field[..., 0] = self.error
+        return field
+
+
+ASKED = np.array([[0, 100.0, 100.0]], np.float32)
+
+
+def test_chained_tracks_stay_hidden_and_direct_ones_return():
+    broken = Fields(VIDEO, Broken(1.2))
+    xy, hidden = linked(ASKED, broken, (1,), 1.0, FRAMES)
+    assert hidden[0].tolist() == [False] * 3 + [True] * 3
+    np.testing.assert_allclose(xy[0, :, 0], [100, 100, 100, 101.2, 101.2, 101.2], atol=1e-3)
+    assert not linked(ASKED, Fields(VIDEO, Broken(0.9)), (1,), 1.0, FRAMES)[1].any()
+    at_two = ASKED + np.array([2, 0, 0], np.float32)
+    assert not direct(at_two, broken, 1.5)[1].any()
+    assert direct(at_two, Fields(VIDEO, Broken(1.6)), 1.5)[1][0].tolist() == [False] * 3 + [True, False, False]
+
+
+def test_links_go_round_a_broken_hop():
+    _, hidden = linked(ASKED, Fields(VIDEO, Broken(5.0)), (1, 2), 1.5, FRAMES)
+    assert hidden[0].tolist() == [False] * 6
+
+
+def test_no_queries():
+    nothing = np.zeros((0, 3), np.float32)
+    fields = Fields(VIDEO, pan)
+    for xy, hidden in (linked(nothing, fields, (1,), 1.0, FRAMES), direct(nothing, fields, 1.5)):
+        assert xy.shape == (0, FRAMES, 2)
+        assert hidden.shape == (0, FRAMES)
+
+
+def test_fields_are_computed_once():
+    calls = []
+    fields = Fields(VIDEO, lambda *asked: calls.append(1) or pan(*asked))
+    for _ in range(2):
+        assert fields(0, 3)[0, 0].tolist() == [3.0, 1.5]
+    assert len(calls) == 1

@@ -1,0 +1,164 @@
+"""Cuts are found where two clips are joined, and nowhere else; a clip of several shots becomes several runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from decomotion import checkpoint
+from decomotion.cli import main
+from decomotion.clip import Clip, read_clip
+from decomotion.data.cuts import find_cuts
+from decomotion.errors import ClipError
+from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
+from tiny_fit import TINY_CPU, sliding_square, write_frames
+
+
+@pytest.fixture
+def two_shots() -> Clip:
+    """The sliding square, then what looks quite unlike it, sliding too."""
+    first = sliding_square(8).frames
+    return Clip("two", np.concatenate([first, 255 - first[:, ::-1, ::-1] // 3]), 24.0)
+
+
+def test_two_joined_clips(two_shots: Clip):
+    assert find_cuts(two_shots.frames) == [8]
+    assert find_cuts(two_shots.frames[6:10]) == [2]
+    with pytest.raises(ClipError, match=r"two cuts to another shot at frame 8, .* --shots split, .* --shots ignore"):
+        check_one_shot(two_shots)
+
+
+def test_one_shot_has_none():
+    for frames in (1, 2, 3, 8):
+        assert find_cuts(sliding_square(frames).frames) == []
+    assert find_cuts(np.zeros((9, 16, 16, 3), np.uint8)) == []
+    check_one_shot(sliding_square())
+
+
+def test_a_fast_pan_is_no_cut():
+    """A textured scene passes at an eighth of its width a frame."""
+    scene = np.random.default_rng(0).integers(0, 255, (32, 32 + 4 * 12, 3), dtype=np.uint8)
+    assert find_cuts(np.stack([scene[:, 4 * frame : 4 * frame + 32] for frame in range(12)])) == []
+
+
+@pytest.fixture(scope="module")
+def clips(shared: Path) -> dict[str, np.ndarray]:
+    from decomo_eval.dataset import read_dataset
+
+    videos = read_dataset(shared / "data" / "tapvid_davis32_dev.pkl")
+    return {name: video.frames() for name, video in videos.items()}
+
+
+class TestRealClips:
+    def test_no_cut_where_there_is_none(self, clips: dict[str, np.ndarray], shared: Path):
+        assert {name: cuts for name, frames in clips.items() if (cuts := find_cuts(frames))} == {}
+        for name in ("cat", "apple"):
+            assert find_cuts(read_clip(shared / "data" / "clips" / f"{name}.mp4").frames) == []
+
+    @pytest.mark.parametrize("pace", [2, 4])
+    def test_nor_where_all_goes_faster(self, clips: dict[str, np.ndarray], pace: int):
+        assert {name: cuts for name, frames in clips.items() if (cuts := find_cuts(frames[::pace]))} == {}
+
+    def test_any_two_joined(self, clips: dict[str, np.ndarray]):
+        names = list(clips)
+        for one, other in zip(names, [*names[1:], names[0]], strict=True):
+            assert find_cuts(np.concatenate([clips[one][-8:], clips[other][:8]])) == [8], (one, other)
+
+
+class TestShots:
+    def test_they_make_up_the_clip(self, two_shots: Clip):
+        shots = shots_of(two_shots)
+        assert [(shot.name, shot.begin, shot.end) for shot in shots] == [("shot-000", 0, 8), ("shot-001", 8, 16)]
+
+    def test_one_frame_is_no_shot(self, two_shots: Clip):
+        with pytest.raises(ClipError, match="a shot of one frame, 8, and motion needs at least two"):
+            shots_of(Clip("two", two_shots.frames[:9], 24.0))
+
+    def test_each_is_fitted_as_a_clip_of_its_own(self, two_shots: Clip, tmp_path: Path):
+        fitted = []
+
+        def fit(part: Clip, folder: Path, share: float) -> Path:
+            fitted.append((part.name, len(part), share))
+            return folder
+
+        runs = each_shot(two_shots, tmp_path, fit)
+        assert fitted == [("two-shot-000", 8, 0.5), ("two-shot-001", 8, 0.5)]
+        assert runs == runs_of_shots(tmp_path) == [tmp_path / "shot-000", tmp_path / "shot-001"]
+        content = json.loads((tmp_path / "shots.json").read_text())
+        assert content["shots"][1] == {"name": "shot-001", "begin": 8, "end": 16}
+        assert runs_of_shots(tmp_path / "shot-000") == []
+
+
+class TestCommands:
+    SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]  # noqa: RUF012
+
+    @pytest.fixture(autouse=True)
+    def in_an_empty_folder_without_a_gpu(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+    @pytest.fixture
+    def folder(self, two_shots: Clip, tmp_path: Path) -> Path:
+        return write_frames(two_shots, tmp_path / "two")
+
+    def test_stop_and_ignore(self, folder: Path, capsys: pytest.CaptureFixture[str]):
+        assert main([str(folder), "--steps", "1", *self.SET_TINY]) == 2
+        assert "two cuts to another shot at frame 8" in capsys.readouterr().err
+        assert main([str(folder), "--steps", "1", "--shots", "ignore", *self.SET_TINY]) == 0
+        assert checkpoint.load(Path("runs/two/checkpoint.pt")).clip.num_frames == 16
+
+    @pytest.mark.slow
+    def test_split_resume_export_and_track(self, folder: Path, capsys: pytest.CaptureFixture[str]):
+        from decomo_export.cli import main as export
+        from decomo_runtime.cli import main as track
+
+        assert main([str(folder), "--steps", "1", "--shots", "split", *self.SET_TINY]) == 0
+        assert "fitted two-shot-001 (8 frames of 32x32): runs/two/shot-001" in capsys.readouterr().out
+        Path("runs/two/shot-001/checkpoint.pt").unlink()
+        assert main([str(folder), "--steps", "2", "--shots", "split", "--resume"]) == 0
+        steps = [
+            checkpoint.load(run / checkpoint.FILE_NAME).training["step"] for run in runs_of_shots(Path("runs/two"))
+        ]
+        assert steps == [2, 2]
+
+        assert export(["two.onnx"]) == 0
+        assert sorted(path.name for path in Path().glob("*.onnx")) == ["two-shot-000.onnx", "two-shot-001.onnx"]
+        argv = [
+            "two-shot-001.onnx",
+            "--grid",
+            "8@0",
+            "--out",
+            "t.npz",
+            "--overlay",
+            "t.mp4",
+            "--clip",
+            f"{folder}@8:16",
+        ]
+        assert track(argv) == 0
+        assert Path("t.mp4").is_file()
+
+    def test_resume_without_a_run(self, folder: Path, capsys: pytest.CaptureFixture[str]):
+        assert main([str(folder), "--shots", "split", "--resume"]) == 2
+        assert "shot-000/checkpoint.pt does not exist" in capsys.readouterr().err
+
+
+class TestParts:
+    def test_frames_of_a_clip(self, two_shots: Clip, tmp_path: Path):
+        folder = write_frames(two_shots, tmp_path / "two")
+        part = read_clip(f"{folder}@8:16")
+        assert part.name == "two-8-16"
+        np.testing.assert_array_equal(part.frames, two_shots.frames[8:])
+
+    @pytest.mark.parametrize("wanted", ["0:1", "8:17", "9:8", "20:30"])
+    def test_that_it_has_not(self, two_shots: Clip, tmp_path: Path, wanted: str):
+        folder = write_frames(two_shots, tmp_path / "two")
+        with pytest.raises(ClipError, match=r"two has frames 0 to 15; @.* is not two or more of them"):
+            read_clip(f"{folder}@{wanted}")
+
+    def test_a_path_that_looks_like_one(self, two_shots: Clip, tmp_path: Path):
+        folder = write_frames(two_shots, tmp_path / "two@0:4")
+        assert len(read_clip(folder)) == 16

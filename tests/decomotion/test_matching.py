@@ -1,0 +1,90 @@
+"""Matches by appearance: known shifts are found, what is not there is not trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+
+from decomotion.clip import Clip
+from decomotion.config import MatchingConfig
+from decomotion.data.linking import link
+from decomotion.data.matching import Matches, MatchStore, supporters
+
+HEIGHT, WIDTH = 96, 128
+
+
+def textured(seed: int) -> np.ndarray:
+    """An image [H, W, 3] with structure at several scales."""
+    import cv2
+
+    random = np.random.default_rng(seed)
+    scales = [random.integers(0, 255, (HEIGHT // cell, WIDTH // cell, 3), dtype=np.uint8) for cell in (4, 8, 16)]
+    return np.mean(
+        [cv2.resize(scale, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC) for scale in scales], axis=0
+    ).astype(np.uint8)
+
+
+def clip_of(*frames: np.ndarray) -> Clip:
+    return Clip("test", np.stack(frames), 24.0)
+
+
+def matched(*frames: np.ndarray) -> MatchStore:
+    return MatchStore(clip_of(*frames), MatchingConfig(intervals=(1, 2), supporters=10), progress=False)
+
+
+def test_a_known_shift_is_found() -> None:
+    image = textured(0)
+    store = matched(image, np.roll(image, (8, 20), axis=(0, 1)))
+    forward, backward = store(0, 1), store(1, 0)
+    cell = WIDTH / forward.trusted.shape[1]
+    assert forward.trusted.mean() > 0.5
+    assert_allclose(np.median(forward.displacement[forward.trusted], axis=0) * cell, [20, 8], atol=0.3)
+    assert_allclose(np.median(backward.displacement[backward.trusted], axis=0) * cell, [-20, -8], atol=0.3)
+
+
+def test_a_frame_matches_itself_where_it_is() -> None:
+    image = textured(1)
+    matches = matched(image, image)(0, 1)
+    off = np.abs(matches.displacement[matches.trusted])
+    assert off.max() <= 0.51  # a descriptor beside the cell's middle
+    assert off.mean() < 0.1
+
+
+def test_other_content_is_not_trusted() -> None:
+    assert matched(textured(2), textured(3))(0, 1).trusted.mean() < 0.05
+
+
+def test_gaps_that_a_clip_does_not_have_are_left_out() -> None:
+    assert matched(textured(4), textured(4)).intervals == (1,)
+
+
+def test_supporters_are_mutual_neighbours_that_moved_likewise() -> None:
+    displacement = torch.zeros(5, 5, 2)
+    displacement[0, 0] = 10.0
+    mutual = torch.ones(5, 5, dtype=torch.bool)
+    mutual[4, 4] = False
+    count = supporters(displacement, mutual)
+    assert count[2, 2] == 24 - 2
+    assert count[0, 0] == 0
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_point_hidden_longer_than_flow_reaches_is_found_again(step: int) -> None:
+    """Flow loses everything in every hop; only the match over four frames leads on."""
+    points = np.full((5, 1, 2), 8.0, np.float32)
+
+    def lost(source: int, target: int) -> np.ndarray:
+        return np.full((16, 16, 2), 3.0 if target > source else 4.0, np.float32)  # forward and back do not agree
+
+    shift = np.full((4, 4, 2), 0.5 * step, np.float32)
+    links = list(
+        link(
+            points, lost, (1,), 1.0, 10, step, lambda i, j: Matches(shift, np.ones((4, 4), bool)), match_intervals=(4,)
+        )
+    )
+    last = links[-1]
+    assert not last.occluded[0, 0]
+    assert_allclose(last.xy[0, 0], [8 + 2 * step] * 2)
+    assert all(each.occluded.all() for each in links[:-1])
