@@ -60,10 +60,8 @@ def _moving(
         return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     if given is None:
         on_grid = grid[0] * grid[1]
-        unit = max(clip.height, clip.width) / 256
         on_it = targets.first_points(on_grid) if not isinstance(targets, np.ndarray) else targets[:, :, :on_grid]
-        residual = masks.residual_motion(points[:, :on_grid], on_it, confidence[:, :, :on_grid], unit)
-        given = masks.moving_from_residual(residual, grid, clip.height, clip.width)
+        given = masks.auto_masks(clip.frames, points[:, :on_grid], on_it, confidence[:, :, :on_grid], grid)
     nearest = np.round(points).astype(np.int64)
     frame = np.arange(len(points))[:, None]
     return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)

@@ -1,0 +1,246 @@
+"""Evidence of motion: how badly the camera's motion explains where each point goes.
+
+Frames are compared in pairs. The camera between two frames is modelled twice:
+
+- by a homography, which is right for far or planar scenes, and where the camera only turns;
+- by epipolar geometry, which is right for any static scene, but blind to motion along the epipolar lines. It is fitted
+  to what the homography explains together with a band along the image's border: an object that takes up much of the
+  frame must not be mistaken for parallax, and what parallax the scene has shows along the border too.
+
+The two residuals are multiplied, each to a power: the more of the border only epipolar geometry explains, the more it
+is believed. A second, photometric look says whether a point's surroundings change at all when the camera's motion is
+undone: where they do not (sky, plain road), a residual is no more than flow gone astray.
+
+Positions and residuals are in units, pixels of a frame whose longer side is 256; see `to_units`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomotion.data.pool import Positions
+
+Floats = npt.NDArray[np.float32]
+Model = npt.NDArray[np.float64]
+
+NEIGHBOURS = 8
+"""Frames are compared with all up to this far away."""
+MIN_VALID = 64
+"""A pair with fewer visible correspondences says nothing."""
+SAMPLE = 1500
+"""Models are fitted to at most this many correspondences."""
+BORDER = 0.15
+"""Width of the band along the border, as a share of the frame's longer side."""
+INTERIOR_WEIGHT = 0.3
+"""Correspondences outside that band are drawn with this weight: the scene reaches the border, objects rarely do."""
+HOMOGRAPHY_UNITS = 1.5
+"""Inliers of the homography lie this near, in units."""
+EPIPOLAR_UNITS = 0.5
+"""Noise scale of MAGSAC for the fundamental matrix, in units; also where a point counts as explained by it."""
+EPIPOLAR_SCALE = 4.0
+"""The Sampson distance sees one direction, and part of it; so many times larger it compares with a transfer error."""
+EPIPOLAR_TRUST = ((0.05, 0.25), (0.15, 0.75))
+"""(share of the border that only epipolar geometry explains, its exponent), linear in between, constant beyond."""
+RESIDUAL_NOISE = 0.05
+"""Added to residuals before their logarithm, in units."""
+CHANGE_QUANTILE = 0.7
+"""A point's photometric change is this quantile over its pairs: a small shift often leaves a surface looking alike."""
+CHANGE_WINDOW = 5
+"""Side of the window over which colours are compared, in units."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for motion at each point, axes [frame, point]."""
+
+    residual: Floats
+    """Distance from the camera's motion, units per square root of the gap; NaN where no pair shows the point."""
+    change: Floats
+    """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
+
+
+def to_units(xy: Floats, height: int, width: int) -> Floats:
+    """Pixels of an HxW frame to pixels of its raster whose longer side is 256."""
+    return (xy + 0.5) * np.float32(256 / max(height, width)) - 0.5
+
+
+def in_units(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Frames [frame, H, W, 3] resized so that their longer side is 256."""
+    height, width = frames.shape[1:3]
+    scale = 256 / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])
+
+
+def motion_evidence(
+    images: npt.NDArray[np.uint8], points: Floats, targets: Positions, confidence: npt.NDArray[np.uint8], scale: float
+) -> Evidence:
+    """Compares every frame with its neighbours up to `NEIGHBOURS` away.
+
+    Args:
+        images: [frame, h, w, 3], from `in_units`.
+        points: [frame, point, 2], in units.
+        targets: [frame, frame, point, 2] in pixels of the clip, as in the pool.
+        confidence: [frame, frame, point], as in the pool; 0 says nothing.
+        scale: units a pixel of the clip.
+    """
+    frames, (height, width) = len(points), images.shape[1:3]
+    blurred = [cv2.GaussianBlur(image, (0, 0), 1) for image in images]
+    random = np.random.default_rng(0)
+    residual = np.full(points.shape[:2], np.nan, np.float32)
+    change = np.full(points.shape[:2], np.nan, np.float32)
+    for frame in range(frames):
+        source, border = points[frame], near_border(points[frame], height, width)
+        compared = [
+            _Pair.fit(source, (targets[frame, other] + 0.5) * scale - 0.5, confidence[frame, other], border, random)
+            for other in _others(frame, frames)
+        ]
+        pairs = {other: pair for other, pair in zip(_others(frame, frames), compared, strict=True) if pair is not None}
+        if not pairs:
+            continue
+        trust = epipolar_trust([pair.parallax_share(border) for pair in pairs.values()])
+        gaps = [abs(other - frame) ** 0.5 for other in pairs]
+        planar = _median([pair.planar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
+        epipolar = _median([pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
+        residual[frame] = combined(planar, epipolar, trust)
+        changes = [
+            photometric_change(blurred[frame], blurred[other], source, pair.homography) for other, pair in pairs.items()
+        ]
+        change[frame] = _quantile(changes, CHANGE_QUANTILE)
+    return Evidence(residual, change)
+
+
+def _others(frame: int, frames: int) -> list[int]:
+    first, last = max(0, frame - NEIGHBOURS), min(frames - 1, frame + NEIGHBOURS)
+    return [other for other in range(first, last + 1) if other != frame]
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The camera between two frames, and how far each point is from it: [point], units, NaN where it is hidden."""
+
+    homography: Model
+    planar: Floats
+    epipolar: Floats
+
+    @staticmethod
+    def fit(
+        source: Floats,
+        target: Floats,
+        confidence: npt.NDArray[np.uint8],
+        border: npt.NDArray[np.bool_],
+        random: np.random.Generator,
+    ) -> _Pair | None:
+        """None where too few points are visible, or no homography is found."""
+        visible = confidence > 0
+        if visible.sum() < MIN_VALID:
+            return None
+        drawn = draw(confidence * np.where(border, 1.0, INTERIOR_WEIGHT), random)
+        homography, _ = cv2.findHomography(source[drawn], target[drawn], cv2.RANSAC, HOMOGRAPHY_UNITS)
+        if homography is None:
+            return None
+        planar = transfer_distance(homography, source, target)
+        drawn = draw((visible & (border | (planar < HOMOGRAPHY_UNITS))).astype(float), random)
+        fundamental = fit_fundamental(source[drawn], target[drawn])
+        # without epipolar geometry the homography decides alone
+        epipolar = planar / EPIPOLAR_SCALE if fundamental is None else sampson_distance(fundamental, source, target)
+        return _Pair(homography, np.where(visible, planar, np.nan), np.where(visible, epipolar, np.nan))
+
+    def parallax_share(self, border: npt.NDArray[np.bool_]) -> float:
+        """Share of the visible points along the border that epipolar geometry explains and the homography does not."""
+        visible = border & ~np.isnan(self.planar)
+        only_epipolar = (self.planar > HOMOGRAPHY_UNITS) & (self.epipolar < EPIPOLAR_UNITS)
+        return float((visible & only_epipolar).sum() / max(1, visible.sum()))
+
+
+def near_border(xy: Floats, height: int, width: int) -> npt.NDArray[np.bool_]:
+    """Which of `xy` [point, 2] lie in the band along the border of an image of `height` x `width`."""
+    band = BORDER * max(height, width)
+    x, y = xy.T
+    return (x < band) | (x > width - 1 - band) | (y < band) | (y > height - 1 - band)
+
+
+def draw(weight: npt.NDArray[np.float64], random: np.random.Generator) -> npt.NDArray[np.int64]:
+    """At most `SAMPLE` indices, without repetition, with probability proportional to `weight` [point]."""
+    count = min(SAMPLE, int((weight > 0).sum()))
+    return random.choice(len(weight), count, replace=False, p=weight / weight.sum())
+
+
+def fit_fundamental(source: Floats, target: Floats) -> Model | None:
+    """Robust fundamental matrix (MAGSAC++, Barath et al. 2020) of points [point, 2]; None where there is none."""
+    try:
+        matrix, _ = cv2.findFundamentalMat(
+            source.astype(np.float64), target.astype(np.float64), cv2.USAC_MAGSAC, EPIPOLAR_UNITS, 0.999, 500
+        )
+    except cv2.error:  # OpenCV's USAC fails so where no sample gives a model, as when nothing moves at all
+        return None
+    return matrix if matrix is not None and matrix.shape == (3, 3) else None
+
+
+def transfer_distance(homography: Model, source: Floats, target: Floats) -> Floats:
+    """Distance of `target` to where the homography leads from `source`, [point]."""
+    return np.linalg.norm(cv2.perspectiveTransform(source[None], homography)[0] - target, axis=-1)
+
+
+def sampson_distance(fundamental: Model, source: Floats, target: Floats) -> Floats:
+    """First-order distance of correspondences to epipolar geometry, [point] (Hartley and Zisserman 2004, 11.4.3)."""
+    first, second = cv2.convertPointsToHomogeneous(source)[:, 0], cv2.convertPointsToHomogeneous(target)[:, 0]
+    line, line_back = first @ fundamental.T, second @ fundamental
+    gradient = (line[:, :2] ** 2).sum(-1) + (line_back[:, :2] ** 2).sum(-1)
+    return (np.abs((second * line).sum(-1)) / np.sqrt(gradient + 1e-12)).astype(np.float32)
+
+
+def epipolar_trust(parallax_shares: Sequence[float]) -> float:
+    """Exponent of the epipolar residual, from `_Pair.parallax_share` of a frame's pairs."""
+    shares, exponents = zip(*EPIPOLAR_TRUST, strict=True)
+    return float(np.interp(np.median(parallax_shares), shares, exponents))
+
+
+def combined(planar: Floats, epipolar: Floats, trust: float) -> Floats:
+    """Weighted geometric mean of both residuals, `trust` the exponent of the epipolar one."""
+    first, second = np.log(planar + RESIDUAL_NOISE), np.log(EPIPOLAR_SCALE * epipolar + RESIDUAL_NOISE)
+    return np.exp((1 - trust) * first + trust * second)
+
+
+def photometric_change(
+    image: npt.NDArray[np.uint8], other: npt.NDArray[np.uint8], xy: Floats, homography: Model
+) -> Floats:
+    """How much the surroundings of `xy` [point, 2] change between two images [h, w, 3] along `homography`.
+
+    Mean absolute difference of colours, relative to its median over the image (at least one grey level), [point];
+    NaN where the homography leads out of the image.
+    """
+    height, width = image.shape[:2]
+    undone = cv2.warpPerspective(
+        other,
+        homography,
+        (width, height),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    difference = cv2.absdiff(undone, image).mean(axis=-1, dtype=np.float32)
+    window = cv2.blur(difference, (CHANGE_WINDOW, CHANGE_WINDOW))
+    change = cv2.remap(window, xy[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].ravel()  # type: ignore[call-overload]
+    x, y = cv2.perspectiveTransform(xy[None], homography)[0].T
+    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
+    if not inside.any():
+        return np.full(len(xy), np.nan, np.float32)
+    return np.where(inside, change / max(1.0, float(np.median(change[inside]))), np.nan).astype(np.float32)
+
+
+def _median(values: Sequence[Floats]) -> Floats:
+    return _quantile(values, 0.5)
+
+
+def _quantile(values: Sequence[Floats], quantile: float) -> Floats:
+    """Over the first axis, between two values the lower; NaN values are left out, NaN where there are no others."""
+    ordered = np.sort(np.stack(values), axis=0)  # NaN last
+    count = (~np.isnan(ordered)).sum(axis=0)
+    place = np.maximum(np.ceil(quantile * count).astype(np.int64) - 1, 0)
+    return np.take_along_axis(ordered, place[None], axis=0)[0].astype(np.float32)

@@ -1,0 +1,164 @@
+"""From evidence of motion to labels: moving or not, smooth along the motion and with the edges of the image.
+
+The evidence of a point is averaged along its links to the frames around. Labels are then the mean field of a random
+field over the points of each frame: a unary term from the evidence, and a pairwise term that prefers equal labels
+between neighbours of similar colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomotion.data.evidence import RESIDUAL_NOISE, Evidence
+from decomotion.data.pool import Positions
+
+Floats = npt.NDArray[np.float32]
+
+SMOOTHED = 4
+"""Evidence is averaged along links over frames up to this far away."""
+RESIDUAL_UNITS = 1.0
+"""Least threshold: residual per square root of the gap, in units, below which nothing counts as moving."""
+CHANGE_RANGE = (1.0, 3.0)
+"""A photometric change up to the first voids the evidence for motion; from the second on it counts in full."""
+EVIDENCE_GAIN = 1.5
+"""Log-odds of moving for a residual e times the threshold."""
+EVIDENCE_LIMIT = 3.0
+"""Largest log-odds that a point's own evidence gives."""
+SPATIAL_WEIGHT = 2.0
+"""Log-odds from one neighbour of like colour."""
+ITERATIONS = 20
+DAMPING = 0.5
+
+STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Rows and columns to half of the eight neighbours."""
+
+
+class Links:
+    """Looks up values of other frames where the points of one frame lie in them.
+
+    Args:
+        targets: [frame, frame, point, 2], pixels of the clip, as in the pool.
+        confidence: [frame, frame, point], as in the pool.
+        grid: rows and columns of the points of a frame.
+        height, width: of the clip in pixels.
+    """
+
+    def __init__(
+        self, targets: Positions, confidence: npt.NDArray[np.uint8], grid: tuple[int, int], height: int, width: int
+    ) -> None:
+        self._targets, self._confidence, self._grid = targets, confidence, grid
+        self._cells = np.array([grid[1] / width, grid[0] / height], np.float32)
+
+    def weight(self, frame: int, other: int) -> Floats:
+        """[point], 0 to 1."""
+        return self._confidence[frame, other] / np.float32(255)
+
+    def read(self, values: Floats, frame: int, other: int) -> Floats:
+        """`values` [point] of frame `other` where the points of `frame` lie in it, [point]."""
+        where = (self._targets[frame, other] + 0.5) * self._cells - 0.5
+        image = np.ascontiguousarray(values.reshape(self._grid), np.float32)
+        return cv2.remap(image, where[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].ravel()  # type: ignore[call-overload]
+
+
+def moving_probability(evidence: Evidence, lab: Floats, links: Links, grid: tuple[int, int]) -> Floats:
+    """Probability that each point moves, [frame, point].
+
+    Args:
+        evidence: of all points.
+        lab: [frame, point, 3], colours in a space where distances are perceptual.
+        links: between the same points.
+        grid: rows and columns of the points of a frame.
+    """
+    log_residual = along_links(np.log(evidence.residual + RESIDUAL_NOISE), links)
+    log_change = along_links(np.log(evidence.change + RESIDUAL_NOISE), links)
+    unary = log_odds(np.exp(log_residual), np.exp(log_change))
+    return mean_field(unary, lab, grid)
+
+
+def along_links(values: Floats, links: Links) -> Floats:
+    """Averages `values` [frame, point] along links, weighted by confidence; NaN says nothing."""
+    frames = len(values)
+    known = ~np.isnan(values)
+    filled = np.where(known, values, 0).astype(np.float32)
+    result = np.full(values.shape, np.nan, np.float32)
+    for frame in range(frames):
+        total, weight = np.zeros_like(filled[0]), np.zeros_like(filled[0])
+        for other in range(max(0, frame - SMOOTHED), min(frames, frame + SMOOTHED + 1)):
+            share = links.weight(frame, other)
+            total += share * links.read(filled[other], frame, other)
+            weight += share * links.read(known[other].astype(np.float32), frame, other)
+        seen = weight > 1e-3
+        result[frame, seen] = total[seen] / weight[seen]
+    return result
+
+
+def log_odds(residual: Floats, change: Floats) -> Floats:
+    """Log-odds of moving from the evidence alone, [frame, point]; 0 where there is none."""
+    known = ~np.isnan(residual)
+    # sqrt: the noise of a residual grows with it
+    threshold = max(RESIDUAL_UNITS, otsu(np.sqrt(residual[known])) ** 2)
+    odds = np.zeros(residual.shape, np.float32)
+    odds[known] = np.clip(
+        EVIDENCE_GAIN * np.log((residual[known] + RESIDUAL_NOISE) / threshold), -EVIDENCE_LIMIT, EVIDENCE_LIMIT
+    )
+    believed = np.interp(np.nan_to_num(change), CHANGE_RANGE, (0, 1))
+    return np.where(odds > 0, odds * believed, odds).astype(np.float32)
+
+
+def otsu(values: Floats) -> float:
+    """The threshold that divides `values` [n] into two classes of largest variance between them (Otsu 1979)."""
+    if len(values) < 2:
+        return 0.0
+    ordered = np.sort(values).astype(np.float64)
+    sums, below = np.cumsum(ordered), np.arange(1, len(ordered))
+    above = len(ordered) - below
+    gap = (sums[-1] - sums[:-1]) / above - sums[:-1] / below
+    return float(ordered[(below * above * gap**2).argmax()])
+
+
+def mean_field(unary: Floats, lab: Floats, grid: tuple[int, int]) -> Floats:
+    """Damped mean field of a binary random field whose pairwise terms soften where colours differ, [frame, point].
+
+    Args:
+        unary: [frame, point], log-odds.
+        lab: [frame, point, 3].
+        grid: rows and columns of the points of a frame.
+    """
+    frames = len(unary)
+    edges = list(_edges(lab.reshape(frames, *grid, 3)))
+    probability = _sigmoid(unary)
+    for _ in range(ITERATIONS):
+        odds = unary.copy()
+        spin, received = (2 * probability - 1).reshape(frames, *grid), odds.reshape(frames, *grid)
+        for first, second, weight in edges:
+            received[first] += SPATIAL_WEIGHT * weight * spin[second]
+            received[second] += SPATIAL_WEIGHT * weight * spin[first]
+        probability = DAMPING * probability + (1 - DAMPING) * _sigmoid(odds)
+    return probability
+
+
+Window = tuple[slice, slice, slice]
+
+
+def _edges(image: Floats) -> Iterator[tuple[Window, Window, Floats]]:
+    """Pairs of windows of [frame, row, column, 3] and the weight of the edges between them, near 0 across a contour.
+
+    The contrast-sensitive weight of Boykov and Jolly 2001, its scale the mean squared difference of neighbours.
+    """
+    rows, columns = image.shape[1:3]
+    found = []
+    for down, right in STEPS:
+        first = (slice(None), slice(0, rows - down), slice(max(0, -right), columns - max(0, right)))
+        second = (slice(None), slice(down, rows), slice(max(0, right), columns - max(0, -right)))
+        found.append((first, second, ((image[first] - image[second]) ** 2).sum(-1), np.hypot(down, right)))
+    scale = 2 * np.mean([squared.mean() for _, _, squared, _ in found if squared.size]) + 1e-6
+    for first, second, squared, length in found:
+        yield first, second, (np.exp(-squared / scale) / length).astype(np.float32)
+
+
+def _sigmoid(odds: Floats) -> Floats:
+    return 1 / (1 + np.exp(-odds))
