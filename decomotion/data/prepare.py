@@ -27,7 +27,7 @@ from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.data.tracks import UserTracks, read_tracks
 from decomotion.errors import SupervisionError
 
-VERSIONS = {"links": 5, "features": 1, "filter": 1, "motion": 2}
+VERSIONS = {"links": 5, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 MIN_POINTS = 256
