@@ -38,6 +38,7 @@ TINY = (
 TINY_CPU = (
     *TINY,
     "data.feature_size=4",
+    "data.matching.intervals=[]",  # on 32 pixels nothing can be told by its looks
     "model.samples=6",
     "model.frame_code.size=8",
     "model.static.couplings=1",
