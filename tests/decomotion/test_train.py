@@ -51,7 +51,7 @@ class TestLearning:
         pool = prepare(CLIP, tiny_config().data, progress=False)
         start = fit(CLIP, tmp_path / "start", config=tiny_config(), steps=1, progress=False)
         before, after = flow_error(model_of(start), pool), flow_error(model_of(tiny_run), pool)
-        assert after < 0.9 * before
+        assert after < 0.95 * before
 
     def test_the_error_falls_from_identity_maps_too(self, tmp_path: Path):
         identity = tiny_config(
