@@ -1,15 +1,21 @@
 """How well the `auto` masks find what moves: intersection over union with masks drawn by hand.
 
-    python benchmarks/masks.py ../shared/data/tapvid_davis32_dev.pkl ../shared/data/davis32_dev_mask.npz
+    python benchmarks/masks.py ../shared/data/tapvid_davis32_dev.pkl ../shared/data/davis32_dev_mask.npz --ablate
 
 The second file holds a boolean array [frame, H, W] for each clip of the first, by name. Flow and links are those of
-the preset, from the cache where they were prepared before. Every figure is a mean over the clip's frames.
+the preset, from the cache where they were prepared before. Every figure is a mean over the clip's frames. A column of
+the ablation leaves out one part of the method.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from statistics import fmean
+from types import ModuleType
+from typing import Any
 
 import click
 import numpy as np
@@ -18,10 +24,22 @@ import numpy.typing as npt
 from decomo_eval.dataset import read_dataset
 from decomotion.clip import Clip
 from decomotion.config import load
+from decomotion.data import evidence, labelling
 from decomotion.data.masks import auto_masks
 from decomotion.data.prepare import prepare_in_stages
 
 Mask = npt.NDArray[np.bool_]
+
+ABLATIONS: dict[str, tuple[ModuleType, str, Any]] = {
+    "homography alone": (evidence, "EPIPOLAR_TRUST", ((0.0, 0.0), (1.0, 0.0))),
+    "epipolar alone": (evidence, "EPIPOLAR_TRUST", ((0.0, 1.0), (1.0, 1.0))),
+    "border not preferred": (evidence, "INTERIOR_WEIGHT", 1.0),
+    "colours not compared": (labelling, "CHANGE_RANGE", (-1.0, 0.0)),
+    "threshold 1 px": (labelling, "otsu", lambda _: 0.0),
+    "not averaged along links": (labelling, "SMOOTHED", 0),
+    "no neighbours": (labelling, "SPATIAL_WEIGHT", 0.0),
+}
+"""What is left out: the module's name that gets another value."""
 
 
 def intersection_over_union(mask: Mask, truth: Mask) -> float:
@@ -30,26 +48,47 @@ def intersection_over_union(mask: Mask, truth: Mask) -> float:
     return float(np.where(either > 0, both / np.maximum(either, 1), 1).mean())
 
 
+@contextmanager
+def exchanged(module: ModuleType, name: str, value: Any) -> Iterator[None]:
+    """Another value for a module's name, for a while."""
+    former = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, former)
+
+
 @click.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(exists=True))
 @click.argument("truth", type=click.Path(exists=True))
 @click.option("--clips", help="Names, separated by commas.  [default: all]")
 @click.option("--preset", type=click.Choice(["cpu", "paper"]), default="cpu", help="Whose flow and links.")
-def main(dataset: str, truth: str, clips: str | None, preset: str) -> None:
+@click.option("--ablate", is_flag=True, help="Also without each part of the method.")
+def main(dataset: str, truth: str, clips: str | None, preset: str, ablate: bool) -> None:
     videos, drawn = read_dataset(dataset), np.load(truth)
     config = load(preset, overrides=("data.features=none", "data.masks=none")).data
-    click.echo("| clip | IoU | share of the image | true share | seconds for the masks |\n|---|---|---|---|---|")
-    scores = []
+    columns = ["auto", *(ABLATIONS if ablate else ())]
+    click.echo(f"| clip | moves | found | seconds | {' | '.join(columns)} |\n|{'---|' * (4 + len(columns))}")
+    table = []
     for name in clips.split(",") if clips else videos:
         frames = videos[name].frames()
         prepared = prepare_in_stages(Clip(name, frames, 24.0), config, progress=False)
         pool = prepared.pool
+
+        find = partial(auto_masks, frames, pool.points, pool.targets, pool.confidence, prepared.grid)
         begin = time.monotonic()
-        mask = auto_masks(frames, pool.points, pool.targets, pool.confidence, prepared.grid)
+        found = find()
         seconds = time.monotonic() - begin
-        scores.append(intersection_over_union(mask, drawn[name]))
-        click.echo(f"| {name} | {scores[-1]:.3f} | {mask.mean():.3f} | {drawn[name].mean():.3f} | {seconds:.1f} |")
-    click.echo(f"| **mean** | {fmean(scores):.3f} | | | |")
+        scores = [intersection_over_union(found, drawn[name])]
+        for column in columns[1:]:
+            with exchanged(*ABLATIONS[column]):
+                scores.append(intersection_over_union(find(), drawn[name]))
+        table.append(scores)
+        figures = " | ".join(f"{score:.3f}" for score in scores)
+        click.echo(f"| {name} | {drawn[name].mean():.1%} | {found.mean():.1%} | {seconds:.1f} | {figures} |")
+    means = " | ".join(f"{fmean(column):.3f}" for column in zip(*table, strict=True))
+    click.echo(f"| **mean** | | | | {means} |")
 
 
 if __name__ == "__main__":

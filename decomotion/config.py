@@ -153,7 +153,8 @@ class DataConfig(Leaf):
     feature_size: int = Field(ge=0)
     """Features are reduced by PCA to this many channels; 0 keeps them all."""
     masks: str
-    """`auto` (flow's residual to the camera motion), `none`, or a folder of mask images (white: moving)."""
+    """`auto` (what the camera's motion does not explain), `rigid-first` (what a static volume does not), `none`, or a
+    folder of mask images (white: moving)."""
 
     @model_validator(mode="after")
     def _consistent(self) -> DataConfig:

@@ -99,7 +99,9 @@ SUPERVISION_OPTIONS = (
     ),
     click.option("--feature-weights", metavar="FILE", help="Weights of ALIKED or DINO."),
     click.option(
-        "--masks", metavar="auto|none|DIR", help="Motion masks: auto, none, or a folder.  [default: the preset's]"
+        "--masks",
+        metavar="auto|rigid-first|none|DIR",
+        help="Motion masks, or a folder of them.  [default: the preset's]",
     ),
     click.option("--tracks", metavar="FILE", help="Tracks of any tracker, .npz, as further correspondences."),
     click.option(

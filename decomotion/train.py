@@ -17,14 +17,14 @@ import torch
 import yaml
 from tqdm import tqdm
 
-from decomotion import checkpoint, previews
+from decomotion import checkpoint, previews, rigid
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip, read_clip
 from decomotion.config import Config
 from decomotion.config import load as load_config
 from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
-from decomotion.data.prepare import prepare
+from decomotion.data.prepare import prepare_in_stages
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
@@ -53,6 +53,11 @@ class Budget:
         if self.seconds is None:
             return step / self.steps
         return min(1.0, (elapsed - prepared) / max(self.seconds - prepared, MIN_SECONDS))
+
+    def part(self, share: float, elapsed: float) -> Budget:
+        """That share of the steps, or of the time that is left after `elapsed` seconds."""
+        seconds = None if self.seconds is None else share * max(self.seconds - elapsed, MIN_SECONDS)
+        return Budget(max(1, round(share * self.steps)), seconds)
 
 
 def fit(
@@ -100,7 +105,8 @@ def fit(
         check_names(config.loss)
         if not ignore_cuts:
             check_one_shot(clip)
-        run = _fresh(folder, clip, config, where, seed, rebuild_cache, progress)
+        budget = Budget(steps or config.optim.steps, time_budget)
+        run = _fresh(folder, clip, config, where, seed, budget, begin, rebuild_cache, progress)
     if steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
     run.loop(begin, progress)
@@ -121,18 +127,43 @@ def choose_device(name: str) -> str:
 
 
 def _fresh(
-    folder: Path, clip: Clip, config: Config, device: torch.device, seed: int, rebuild: bool, progress: bool
+    folder: Path,
+    clip: Clip,
+    config: Config,
+    device: torch.device,
+    seed: int,
+    budget: Budget,
+    begin: float,
+    rebuild: bool,
+    progress: bool,
 ) -> Run:
-    pool = prepare(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
-    torch.manual_seed(seed)
-    plane = ImagePlane(clip.height, clip.width)
-    starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
-    model = DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
+    prepared = prepare_in_stages(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
+    pool, first = prepared.pool, None
+    if config.data.masks == rigid.RIGID_FIRST:
+        alone = rigid.rigid_config(config)
+        first = Run(
+            folder / rigid.FOLDER, ClipFacts.of(clip), alone, _model(alone, clip, pool, device, seed), pool, seed
+        )
+        first.budget = budget.part(rigid.SHARE, time.monotonic() - begin)
+        first.loop(time.monotonic(), progress)
+        pool = rigid.seeded(pool, clip, prepared.grid, first.model)
+        rigid.save_motion(folder, pool)
+    model = _model(config, clip, pool, device, seed)
+    if first is not None:
+        model.load_state_dict(first.model.state_dict(), strict=False)  # the static volume goes on from there
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)
     with replacing(folder / "config.yaml") as file:
         file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
     return Run(folder, ClipFacts.of(clip), config, model, pool, seed)
+
+
+def _model(config: Config, clip: Clip, pool: Pool, device: torch.device, seed: int) -> DecoMotion:
+    """A model as it is before its fit."""
+    torch.manual_seed(seed)
+    plane = ImagePlane(clip.height, clip.width)
+    starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
+    return DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
 
 
 def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
@@ -142,7 +173,9 @@ def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
             f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
             f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
         )
-    pool = prepare(clip, saved.config.data, device=str(device))
+    pool = prepare_in_stages(clip, saved.config.data, device=str(device)).pool
+    if saved.config.data.masks == rigid.RIGID_FIRST:
+        pool = rigid.load_motion(folder, pool)
     run = Run(folder, saved.clip, saved.config, saved.model, pool, saved.training["seed"])
     run.restore(saved.training)
     return run

@@ -100,9 +100,11 @@ def motion_evidence(
         source, border = points[frame], near_border(points[frame], height, width)
         compared = [
             _Pair.fit(source, (targets[frame, other] + 0.5) * scale - 0.5, confidence[frame, other], border, random)
-            for other in _others(frame, frames)
+            for other in neighbours(frame, frames)
         ]
-        pairs = {other: pair for other, pair in zip(_others(frame, frames), compared, strict=True) if pair is not None}
+        pairs = {
+            other: pair for other, pair in zip(neighbours(frame, frames), compared, strict=True) if pair is not None
+        }
         if not pairs:
             continue
         trust = epipolar_trust([pair.parallax_share(border) for pair in pairs.values()])
@@ -113,11 +115,12 @@ def motion_evidence(
         changes = [
             photometric_change(blurred[frame], blurred[other], source, pair.homography) for other, pair in pairs.items()
         ]
-        change[frame] = _quantile(changes, CHANGE_QUANTILE)
+        change[frame] = quantile(changes, CHANGE_QUANTILE)
     return Evidence(residual, change)
 
 
-def _others(frame: int, frames: int) -> list[int]:
+def neighbours(frame: int, frames: int) -> list[int]:
+    """The other frames, of so many, that `frame` is compared with."""
     first, last = max(0, frame - NEIGHBOURS), min(frames - 1, frame + NEIGHBOURS)
     return [other for other in range(first, last + 1) if other != frame]
 
@@ -242,10 +245,10 @@ def photometric_change(
 
 
 def _median(values: Sequence[Floats]) -> Floats:
-    return _quantile(values, 0.5)
+    return quantile(values, 0.5)
 
 
-def _quantile(values: Sequence[Floats], quantile: float) -> Floats:
+def quantile(values: Sequence[Floats], quantile: float) -> Floats:
     """Over the first axis, between two values the lower; NaN values are left out, NaN where there are no others."""
     ordered = np.sort(np.stack(values), axis=0)  # NaN last
     count = (~np.isnan(ordered)).sum(axis=0)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from decomotion.clip import images_in
 from decomotion.data import evidence, labelling
-from decomotion.data.pool import Positions
+from decomotion.data.pool import Positions, first_points
 from decomotion.errors import SupervisionError
 
 Mask = npt.NDArray[np.bool_]
@@ -27,21 +27,37 @@ def auto_masks(
 
     Args:
         frames: [frame, H, W, 3].
-        points: [frame, point, 2], a jittered grid in pixels.
+        points: [frame, point, 2] in pixels, of which the first form a jittered grid; the others are not looked at.
         targets: [frame, frame, point, 2] and
         confidence: [frame, frame, point], as in the pool.
-        grid: rows and columns of `points`.
+        grid: rows and columns.
     """
     height, width = frames.shape[1:3]
-    images = evidence.in_units(frames)
-    positions = evidence.to_units(points, height, width)
-    found = evidence.motion_evidence(images, positions, targets, confidence, 256 / max(height, width))
-    lab = np.stack([_lab_at(image, xy) for image, xy in zip(images, positions, strict=True)])
-    links = labelling.Links(targets, confidence, grid, height, width)
+    count = grid[0] * grid[1]
+    positions = evidence.to_units(points[:, :count], height, width)
+    scale = 256 / max(height, width)
+    found = evidence.motion_evidence(
+        evidence.in_units(frames), positions, first_points(targets, count), confidence[:, :, :count], scale
+    )
+    return labelled_masks(frames, found, points, targets, confidence, grid)
+
+
+def labelled_masks(
+    frames: npt.NDArray[np.uint8],
+    found: evidence.Evidence,
+    points: npt.NDArray[np.float32],
+    targets: Positions,
+    confidence: npt.NDArray[np.uint8],
+    grid: tuple[int, int],
+) -> Mask:
+    """Masks [frame, H, W] from the evidence found at the points of the grid; the rest as for `auto_masks`."""
+    height, width = frames.shape[1:3]
+    count = grid[0] * grid[1]
+    positions = evidence.to_units(points[:, :count], height, width)
+    lab = np.stack([_lab_at(image, xy) for image, xy in zip(evidence.in_units(frames), positions, strict=True)])
+    links = labelling.Links(first_points(targets, count), confidence[:, :, :count], grid, height, width)
     probability = labelling.moving_probability(found, lab, links, grid)
-    enlarged = [
-        cv2.resize(values.reshape(grid), (width, height), interpolation=cv2.INTER_LINEAR) for values in probability
-    ]
+    enlarged = [cv2.resize(values.reshape(grid), (width, height)) for values in probability]
     return np.stack(enlarged) > 0.5
 
 

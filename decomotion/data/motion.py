@@ -12,6 +12,9 @@ from decomotion.clip import Clip
 from decomotion.data import camera, masks
 from decomotion.data.pool import UNKNOWN_MOTION, Positions
 
+WITHOUT_MASKS = ("none", "rigid-first")
+"""Kinds of masks that preparation leaves open: the fit goes without, or finds its own (`decomotion/rigid.py`)."""
+
 
 def build_motion(
     clip: Clip,
@@ -31,19 +34,15 @@ def build_motion(
         targets: [frame, frame, point, 2], where they lie in the other frames.
         confidence: [frame, frame, point].
         grid: rows and columns of the jittered grid.
-        kind: `auto`, `none`, or a folder's name.
+        kind: `auto`; `none` or `rigid-first`, for which nothing is known yet; or a folder's name.
         given: the user's masks [frame, H, W], where `kind` is a folder.
         folder: of the stage.
     """
     moving = _moving(clip, points, targets, confidence, grid, kind, given)
-    np.save(folder / "moving.npy", moving)
-    usable = confidence > 0
-    unit = max(clip.height, clip.width) / 256
-    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
-    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
-    for name, maps in (("camera", of_scene), ("object", of_object)):
-        np.save(folder / f"{name}.npy", camera.to_normalised(maps, clip.height, clip.width))
-    return {"moving": None if kind == "none" else float((moving == 1).mean())}
+    of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
+    for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
+        np.save(folder / f"{name}.npy", array)
+    return {"moving": None if kind in WITHOUT_MASKS else float((moving == 1).mean())}
 
 
 def _moving(
@@ -55,13 +54,37 @@ def _moving(
     kind: str,
     given: npt.NDArray[np.bool_] | None,
 ) -> npt.NDArray[np.uint8]:
-    """[frame, point]: 1 on what moves, 0 on the scene; `UNKNOWN_MOTION` everywhere with masks `none`."""
-    if kind == "none":
+    """[frame, point]: 1 on what moves, 0 on the scene; `UNKNOWN_MOTION` everywhere without masks."""
+    if kind in WITHOUT_MASKS:
         return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     if given is None:
-        on_grid = grid[0] * grid[1]
-        on_it = targets.first_points(on_grid) if not isinstance(targets, np.ndarray) else targets[:, :, :on_grid]
-        given = masks.auto_masks(clip.frames, points[:, :on_grid], on_it, confidence[:, :, :on_grid], grid)
+        given = masks.auto_masks(clip.frames, points, targets, confidence, grid)
+    return moving_at(points, given)
+
+
+def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """Masks [frame, H, W] read at points [frame, point, 2] in pixels: [frame, point], 1 on what moves."""
     nearest = np.round(points).astype(np.int64)
     frame = np.arange(len(points))[:, None]
     return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)
+
+
+def closed_form(
+    clip: Clip,
+    points: npt.NDArray[np.float32],
+    targets: Positions,
+    confidence: npt.NDArray[np.uint8],
+    moving: npt.NDArray[np.uint8],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Affine maps of the scene and similarities of what moves, to the middle frame, [frame, 2, 3], normalised.
+
+    Points of unknown motion count for both.
+    """
+    usable = confidence > 0
+    unit = max(clip.height, clip.width) / 256
+    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
+    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
+    return (
+        camera.to_normalised(of_scene, clip.height, clip.width),
+        camera.to_normalised(of_object, clip.height, clip.width),
+    )

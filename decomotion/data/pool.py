@@ -63,6 +63,11 @@ class PackedPositions:
 Positions = npt.NDArray[np.float32] | PackedPositions
 
 
+def first_points(targets: Positions, count: int) -> Positions:
+    """The first `count` points of each frame, nothing copied."""
+    return targets.first_points(count) if isinstance(targets, PackedPositions) else targets[:, :, :count]
+
+
 def pack(xy: npt.NDArray[np.floating], longer_side: int) -> npt.NDArray[np.uint16]:
     """Positions in pixels of a frame of that longer side as `PackedPositions` holds them."""
     share = (xy / longer_side - PACKED_FROM) / (PACKED_TO - PACKED_FROM)

@@ -21,7 +21,7 @@ from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.filtering import Grid, build_filtered
 from decomotion.data.flow import FlowEstimator, build_flow
-from decomotion.data.motion import build_motion
+from decomotion.data.motion import WITHOUT_MASKS, build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.data.tracks import UserTracks, read_tracks
@@ -109,7 +109,7 @@ class _Work:
 
     @cached_property
     def given_masks(self) -> npt.NDArray[np.bool_] | None:
-        if self.config.masks in ("auto", "none"):
+        if self.config.masks in ("auto", *WITHOUT_MASKS):
             return None
         return masks.read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
 

@@ -20,6 +20,7 @@ from decomotion.losses.distortion import distortion_loss
 from decomotion.losses.feature import feature_loss
 from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
+from decomotion.losses.robust_flow import robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
@@ -31,6 +32,7 @@ LOSSES: dict[str, Loss] = {
     "flow_dynamic": lambda p, b: flow_loss(p.dynamic_xy, b.target_xy, b.confidence * b.moving),
     "flow_static": lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (b.masked - b.moving)),
     "flow_fused": lambda p, b: flow_loss(p.fused_xy, b.target_xy, b.confidence),
+    "flow_robust": lambda p, b: robust_flow_loss(p.fused_xy, b.target_xy, b.confidence),
     "photometric_dynamic": lambda p, b: photometric_loss(p.dynamic_rgb, b.rgb, b.moving),
     "photometric_static": lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving),
     "photometric_fused": lambda p, b: photometric_loss(p.fused_rgb, b.rgb, b.moving.new_ones(b.moving.shape)),

@@ -82,5 +82,5 @@ class TestPhotometricChange:
 def test_quantiles_leave_out_what_is_not_known():
     nan = np.nan
     values = [np.array(row, np.float32) for row in ([3, nan, nan], [1, 5, nan], [2, nan, nan])]
-    np.testing.assert_array_equal(evidence._quantile(values, 0.5), [2, 5, nan])
-    np.testing.assert_array_equal(evidence._quantile(values, 0.7), [3, 5, nan])
+    np.testing.assert_array_equal(evidence.quantile(values, 0.5), [2, 5, nan])
+    np.testing.assert_array_equal(evidence.quantile(values, 0.7), [3, 5, nan])

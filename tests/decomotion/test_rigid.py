@@ -1,0 +1,102 @@
+"""Masks `rigid-first`: what the static volume alone cannot explain is found, kept, and found again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from decomotion import checkpoint, rigid
+from decomotion.config import Config, load
+from decomotion.data.pool import UNKNOWN_MOTION
+from decomotion.data.prepare import prepare
+from decomotion.errors import CheckpointError
+from decomotion.losses.robust_flow import SCALE, robust_flow_loss
+from decomotion.train import Budget, fit
+from tiny_fit import FRAMES, SIZE, TINY_CPU, on_square, sliding_square
+
+CLIP = sliding_square()
+STEPS = 50
+
+
+def config(*overrides: str) -> Config:
+    points = "data.pool.points_per_frame=1024"
+    return load("cpu", overrides=(*TINY_CPU, points, "data.masks=rigid-first", *overrides))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fit(CLIP, tmp_path_factory.mktemp("rigid") / "run", config=config(), steps=STEPS, progress=False)
+
+
+def test_preparation_leaves_the_masks_open():
+    assert (prepare(CLIP, config().data, progress=False).moving == UNKNOWN_MOTION).all()
+
+
+def test_the_square_is_what_a_rigid_scene_cannot_explain(run: Path):
+    pool = rigid.load_motion(run, prepare(CLIP, config().data, progress=False))
+    truth = on_square(pool.points, np.arange(FRAMES)[:, None])
+    moving = pool.moving == 1
+    assert (truth & moving).sum() / (truth | moving).sum() > 0.6
+    # its similarity follows it: 2 pixels a frame to the right, and a pixel is 2 / 32
+    gap = np.arange(FRAMES) - FRAMES // 2
+    np.testing.assert_allclose(pool.object[:, 0, 2], gap * -2 * 2 / SIZE, atol=0.1)
+
+
+def test_the_static_volume_has_its_share_of_the_run(run: Path):
+    alone = checkpoint.load(run / rigid.FOLDER / checkpoint.FILE_NAME)
+    assert alone.training["step"] == round(rigid.SHARE * STEPS)
+    assert alone.config.model.volumes == "static"
+    assert checkpoint.load(run / checkpoint.FILE_NAME).config == config()
+
+
+def test_the_whole_run_goes_on_from_it(tmp_path: Path):
+    run = fit(CLIP, tmp_path / "run", config=config("optim.lr_field=1e-9"), steps=1, progress=False)
+    alone, whole = (checkpoint.load(run / part / checkpoint.FILE_NAME).model for part in (rigid.FOLDER, "."))
+    field = "static.head.weight"
+    torch.testing.assert_close(whole.state_dict()[field], alone.state_dict()[field], atol=1e-6, rtol=0)
+
+
+def test_a_resumed_run_has_the_same_masks(run: Path):
+    before = (run / rigid.FOLDER / rigid.MOTION).read_bytes()
+    fit(CLIP, run, resume=True, steps=STEPS + 1, progress=False)
+    assert (run / rigid.FOLDER / rigid.MOTION).read_bytes() == before
+    (run / rigid.FOLDER / rigid.MOTION).rename(run / "elsewhere.npz")
+    with pytest.raises(CheckpointError, match=r"motion\.npz is missing"):
+        fit(CLIP, run, resume=True, steps=STEPS + 2, progress=False)
+    (run / "elsewhere.npz").rename(run / rigid.FOLDER / rigid.MOTION)
+
+
+@pytest.mark.parametrize(
+    ("whole", "part"),
+    [
+        (Budget(100), Budget(20)),
+        (Budget(2), Budget(1)),
+        (Budget(100, 60.0), Budget(20, 10.0)),
+        (Budget(10, 5.0), Budget(2, 0.2)),
+    ],
+)
+def test_parts_of_a_budget(whole: Budget, part: Budget):
+    assert whole.part(0.2, elapsed=10.0) == part
+
+
+class TestRobustLoss:
+    def test_zero_where_all_is_right(self):
+        xy = torch.rand(2, 3, 2)
+        assert robust_flow_loss(xy, xy, torch.ones(2, 3)) == 0
+
+    def test_by_hand(self):
+        """Distances SCALE and 3 SCALE, of weights 1 and a half; a third point does not count."""
+        target = torch.zeros(1, 3, 2)
+        predicted = torch.tensor([[[SCALE, 0.0], [SCALE, -2 * SCALE], [9.0, 9.0]]])
+        loss = robust_flow_loss(predicted, target, torch.tensor([[1.0, 0.5, 0.0]]))
+        assert loss.item() == pytest.approx(SCALE * (np.log(2) + 0.5 * np.log(4)) / 3)
+
+    def test_the_pull_halves_at_the_scale(self):
+        predicted = torch.tensor([[[0.0, 1e-6], [SCALE, 0.0]]], requires_grad=True)
+        robust_flow_loss(predicted, torch.zeros(1, 2, 2), torch.ones(1, 2)).backward()
+        assert predicted.grad is not None
+        pull = predicted.grad.abs().sum(-1)[0]
+        assert (pull[1] / pull[0]).item() == pytest.approx(0.5, rel=1e-3)
