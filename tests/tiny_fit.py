@@ -34,11 +34,11 @@ TINY = (
     "optim.points=32",
     "log.scalars_every=1",
     "log.previews=1",
+    "data.matching.intervals=[]",  # on 32 pixels nothing can be told by its looks
 )
 TINY_CPU = (
     *TINY,
     "data.feature_size=4",
-    "data.matching.intervals=[]",  # on 32 pixels nothing can be told by its looks
     "model.samples=6",
     "model.frame_code.size=8",
     "model.static.couplings=1",
