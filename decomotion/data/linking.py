@@ -172,7 +172,7 @@ def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _Sta
     pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
     column, row = np.moveaxis(np.floor((state.xy + 0.5) / pixels).astype(np.int64), -1, 0)
     column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
-    there = state.xy + matches.displacement[row, column] * pixels
+    there = (state.xy + matches.displacement[row, column] * pixels).astype(np.float32)
     hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
     return _State(state.sources, there, state.variance + np.float32(MATCH_VARIANCE), state.occluded | hidden)
 

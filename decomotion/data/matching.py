@@ -113,7 +113,7 @@ def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.f
     lab = cv2.cvtColor(cv2.GaussianBlur(fine, (0, 0), COLOUR_BLUR), cv2.COLOR_RGB2LAB)
     colour = COLOUR_WEIGHT * (lab.astype(np.float32) / 255 - 0.5)
     halved = (fine.shape[1] // 2, fine.shape[0] // 2)
-    coarse = sift(cv2.resize(fine, halved, interpolation=cv2.INTER_AREA))
+    coarse = sift(np.asarray(cv2.resize(fine, halved, interpolation=cv2.INTER_AREA), np.uint8))
     return np.concatenate([_pooled(torch.from_numpy(sift(fine))), coarse, _pooled(torch.from_numpy(colour))], axis=-1)
 
 
