@@ -107,4 +107,4 @@ def track(method: str, queries: Queries, fields: Fields, data: DataConfig) -> Pr
     """Answers a benchmark's queries; what leaves the image is hidden."""
     height, width = fields(0, 1).shape[:2]
     xy, hidden = METHODS[method](queries.in_pixels(width, height), fields, data)
-    return Prediction(pixels_to_raster(xy, width, height), hidden | outside(xy, height, width))
+    return Prediction(pixels_to_raster(xy, width, height), hidden | outside(xy, height, width), (width, height))

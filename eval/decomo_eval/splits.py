@@ -41,7 +41,7 @@ def score_splits(
         for name, rows in (("static", ~dynamic), ("dynamic", dynamic)):
             if rows.any():
                 chosen = Queries(queries.points[rows], queries.tracks[rows], queries.occluded[rows])
-                answers = Prediction(prediction.tracks[rows], prediction.occluded[rows])
+                answers = Prediction(prediction.tracks[rows], prediction.occluded[rows], prediction.size)
                 splits[name] = {COUNT: int(rows.sum()), **score(chosen, answers, query_mode)}
     again = reappeared(queries.points[None], queries.occluded[None], query_mode)
     shares = position_accuracy(queries.tracks[None], prediction.tracks[None], again)

@@ -91,7 +91,7 @@ def video() -> tuple[Queries, Prediction, np.ndarray]:
     occluded[2] = True
     masks = np.zeros((4, 12, 16), bool)
     masks[:, :, :8] = True
-    return queries, Prediction(tracks + np.array([0, 3]), occluded), masks
+    return queries, Prediction(tracks + np.array([0, 3]), occluded, (256, 256)), masks
 
 
 def test_static_and_dynamic_queries() -> None:
