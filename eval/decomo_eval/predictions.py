@@ -13,8 +13,6 @@ What other trackers' code returns is taken as it is (`layouts.py`).
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decomo_eval.arrays import read_npz
 from decomo_eval.dataset import Video
 from decomo_eval.errors import PredictionError
 from decomo_eval.layouts import Convention, Size, unpacked
@@ -64,7 +63,7 @@ def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
 
 def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
     """Reads the answers in `path` (.npz), in our layout or in that of another tracker."""
-    content = _read_npz(path)
+    content = read_npz(path, PredictionError)
     answers = unpacked(path, content, queries)
     if "frames" in content and not np.array_equal(content["frames"], np.arange(video.num_frames)):
         raise PredictionError(f"{path} must hold all {video.num_frames} frames of video {video.name}, in order")
@@ -72,14 +71,6 @@ def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
     readings = [(size, convention) for size in sizes for convention in answers.conventions]
     size, convention = _matching(path, answers.queries, queries, readings)
     return _prediction(path, answers.tracks, answers.occluded, size, convention, queries)
-
-
-def _read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
-    try:
-        with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise PredictionError(f"{path} cannot be read as an .npz of plain arrays ({error})") from error
 
 
 def _sizes(path: Path, content: dict[str, npt.NDArray[Any]], stored: Size, *, exact: bool) -> list[Size]:
