@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 
@@ -41,8 +42,15 @@ def cli() -> None:
     "--predictions",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of <video>.npz, answers of any tracker to the same queries.",
+    help="Folder of <video>.npz, answers of any tracker to the same queries, CoTracker's, TAPNet's or PIPs'.",
 )
+@click.option(
+    "--baseline",
+    type=click.Choice(BASELINES),
+    help="Track by optical flow alone: chained, direct from the query, or over several gaps.",
+)
+@click.option("--flow", type=click.Choice(FLOWS), default=FLOWS[0], help="Of --baseline; RAFT needs torch.")
+@click.option("--flow-weights", metavar="FILE", help="RAFT's.  [default: torchvision's, by download]")
 @click.option(
     "--query-mode",
     type=click.Choice(QUERY_MODES),
@@ -50,23 +58,38 @@ def cli() -> None:
     help="Query every fifth frame, or each point where it is first visible.",
 )
 @click.option("--videos", metavar="A,B", help="Score these videos only.  [default: all that have a file]")
+@click.option(
+    "--object-masks",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help=".npz of masks [T, H, W] by video: scores what moves apart.",
+)
 @click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Write all metrics there.")
 def tapvid(
     dataset: Path,
     models: Path | None,
     predictions: Path | None,
+    baseline: str | None,
+    flow: str,
+    flow_weights: str | None,
     query_mode: str,
     videos: str | None,
+    object_masks: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Score models or predictions on DATASET, a TAP-Vid pickle; distances are pixels at 256x256."""
+    """Score a tracker on DATASET, a TAP-Vid pickle or folder; distances are pixels at 256x256."""
     import json
 
     from decomo_eval.scoring import evaluate
     from decomotion.files import replacing
 
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
-    report = evaluate(dataset, models, predictions, query_mode, names)
+    tracker = None
+    if baseline is not None:
+        from decomo_eval.baselines import FlowBaseline
+
+        tracker = FlowBaseline(baseline, flow, flow_weights)
+    report = evaluate(dataset, models, predictions, query_mode, names, tracker=tracker, object_masks=object_masks)
     click.echo(_table(report))
     for line in _remarks(report):
         click.echo(line)

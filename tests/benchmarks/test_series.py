@@ -75,7 +75,9 @@ class TestClips:
         assert masks is not None
         assert masks.shape == (32, 256, 256)
         assert masks.any()
-        perfect = records.score_clip(found["seed3"], lambda queries: Prediction(queries.tracks, queries.occluded, (256, 256)))
+        perfect = records.score_clip(
+            found["seed3"], lambda queries: Prediction(queries.tracks, queries.occluded, (256, 256))
+        )
         assert perfect["metrics"]["strided"]["average_jaccard"] == 1
         for mode in ("strided", "first"):
             assert set(perfect["splits"][mode]) == {"static", "dynamic", "reappeared"}
