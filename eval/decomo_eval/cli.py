@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from decomo_eval.columns import COLUMNS
 from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 
 if TYPE_CHECKING:
     from decomo_eval.scoring import Report
-
-_COLUMNS = (
-    ("AJ", "average_jaccard", 100, 1),
-    ("< delta_avg", "average_pts_within_thresh", 100, 1),
-    ("OA", "occlusion_accuracy", 100, 1),
-    ("TC px", "temporal_coherence", 1, 2),
-)
-"""Heading, metric, factor and decimals of the printed table."""
 
 
 @click.group()
@@ -65,6 +58,13 @@ def cli() -> None:
     help=".npz of masks [T, H, W] by video: scores what moves apart.",
 )
 @click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Write all metrics there.")
+@click.option(
+    "--report",
+    "report_folder",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write a page, index.html, and the same as JSON, CSV (by video, by track) and a LaTeX row there.",
+)
 def tapvid(
     dataset: Path,
     models: Path | None,
@@ -76,6 +76,7 @@ def tapvid(
     videos: str | None,
     object_masks: Path | None,
     json_path: Path | None,
+    report_folder: Path | None,
 ) -> None:
     """Score a tracker on DATASET, a TAP-Vid pickle or folder; distances are pixels at 256x256."""
     import json
@@ -89,7 +90,23 @@ def tapvid(
         from decomo_eval.baselines import FlowBaseline
 
         tracker = FlowBaseline(baseline, flow, flow_weights)
-    report = evaluate(dataset, models, predictions, query_mode, names, tracker=tracker, object_masks=object_masks)
+    with ExitStack() as stack:
+        writer = None
+        if report_folder is not None:
+            from decomo_eval.report.writer import ReportWriter
+
+            writer = stack.enter_context(ReportWriter(report_folder, query_mode))
+        report = evaluate(
+            dataset,
+            models,
+            predictions,
+            query_mode,
+            names,
+            tracker=tracker,
+            object_masks=object_masks,
+            watch=None if writer is None else writer.see,
+        )
+        page = None if writer is None else writer.write(report)
     click.echo(_table(report))
     for line in _remarks(report):
         click.echo(line)
@@ -99,6 +116,8 @@ def tapvid(
     click.echo(_summary(report))
     if json_path is not None:
         click.echo(f"wrote {json_path}")
+    if page is not None:
+        click.echo(f"wrote {page}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -109,15 +128,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _table(report: Report) -> str:
     rows = [*report.videos.items(), ("mean", report.mean)]
     width = max(len(name) for name, _ in rows)
-    head = " " * width + "".join(f"  {title:>11}" for title, *_ in _COLUMNS)
+    head = " " * width + "".join(f"  {column.title:>11}" for column in COLUMNS)
     lines = [f"{name:<{width}}" + "".join(f"  {cell:>11}" for cell in _cells(metrics)) for name, metrics in rows]
     return "\n".join([head, *lines])
 
 
 def _cells(metrics: Mapping[str, float]) -> list[str]:
-    """A `-` where the metric is undefined."""
-    values = [(metrics[name] * factor, decimals) for _, name, factor, decimals in _COLUMNS]
-    return ["-" if math.isnan(value) else f"{value:.{decimals}f}" for value, decimals in values]
+    return [column.cell(metrics) for column in COLUMNS]
 
 
 def _remarks(report: Report) -> list[str]:
