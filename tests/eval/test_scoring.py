@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import decomo_eval
 from decomo_eval import evaluate
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
@@ -201,3 +202,15 @@ def test_still_points_on_real_video(shared: Path, tmp_path: Path) -> None:
         assert report.videos[name]["occlusion_accuracy"] == (~truth.occluded)[after].mean()
         assert 0 < report.videos[name]["average_jaccard"] < report.videos[name]["average_pts_within_thresh"] < 1
     assert videos["goat"].frames().shape == (32, 256, 256, 3)
+
+
+def test_a_tracker_s_answers_saved_as_the_page_says_score_as_the_function(dataset: Path, tmp_path: Path) -> None:
+    """docs/scoring.md, step 2, both ways."""
+    for name, video in decomo_eval.read_dataset(dataset).items():
+        queries = decomo_eval.sample_queries(video, "strided").in_pixels(video.width, video.height)
+        tracks = np.repeat(queries[:, None, 1:], video.num_frames, axis=1)
+        occluded = np.zeros(tracks.shape[:2], bool)
+        np.savez(tmp_path / f"{name}.npz", queries=queries, tracks=tracks, occluded=occluded)
+    by_files, by_function = evaluate(dataset, predictions=tmp_path).mean, evaluate(dataset, tracker=still).mean
+    for name, value in by_function.items():
+        assert by_files[name] == pytest.approx(value, rel=1e-4), name  # float32 queries
