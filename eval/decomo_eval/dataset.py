@@ -153,6 +153,14 @@ def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
     return entries
 
 
+def write_frames(video: Video, folder: Path) -> Path:
+    """Writes the video as a folder of PNGs, which `decomo-train` takes, and returns the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, frame in enumerate(video.frames()):
+        cv2.imwrite(str(folder / f"{index:05d}.png"), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    return folder
+
+
 def _read_video(path: str | Path, name: str, entry: Any) -> Video:
     where = f"video {name} of {path}"
     if not isinstance(entry, Mapping) or any(key not in entry for key in _KEYS):

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from decomo_eval.arrays import read_npz
 from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
@@ -113,7 +116,7 @@ def evaluate(
     name_of_tracker, answers = _source(models, predictions, tracker)
     known = read_dataset(dataset)
     asked = _select(known, videos, dataset)
-    masks = {} if object_masks is None else read_npz(Path(object_masks), DatasetError)
+    masks = {} if object_masks is None else _masks(Path(object_masks))
     missing: tuple[str, ...] = ()
     if isinstance(answers, _Folder):
         missing = answers.missing(asked, all_needed=videos is not None)
@@ -187,6 +190,13 @@ def _source(
         return str(predictions), _Folder(Path(predictions), ".npz", from_npz)
     assert tracker is not None
     return str(getattr(tracker, "name", getattr(tracker, "__name__", type(tracker).__name__))), tracker
+
+
+def _masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
+    masks = read_npz(path, DatasetError)
+    if any(mask.dtype.kind not in "biu" for mask in masks.values()):
+        raise DatasetError(f"{path} must hold masks [T, H, W] of booleans or whole numbers, by video")
+    return {name: mask != 0 for name, mask in masks.items()}
 
 
 def _check_one_category(resolutions: Mapping[str, str]) -> None:
