@@ -62,7 +62,7 @@ class Report:
     """Mean of each metric over the videos in which it is defined; nan where it is in none."""
     interval: Mapping[str, tuple[float, float]]
     """95 % bootstrap interval of each mean, over videos (`bootstrap.py`); nan with fewer than two."""
-    splits: Mapping[str, Mapping[str, Metrics]]
+    splits: Mapping[str, Metrics]
     """By kind of point (`splits.py`): the mean over videos of each metric, `count` being the sum."""
     missing: tuple[str, ...]
     """Videos of the dataset without a file in the folder; not scored."""

@@ -43,6 +43,21 @@ def test_median_error_on_paper() -> None:
     assert median_trajectory_error(**tracks, query_mode="first")[0] == pytest.approx((2 + 6) / 2)
 
 
+def test_medians_equal_numpy_s() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        arrays = random_arrays(rng)
+        counted = ~arrays["gt_occluded"] & (
+            np.arange(arrays["gt_occluded"].shape[2]) != arrays["query_points"][..., :1]
+        )
+        distance = np.linalg.norm(arrays["pred_tracks"] - arrays["gt_tracks"], axis=-1)
+        del arrays["pred_occluded"]
+        for video, value in enumerate(median_trajectory_error(**arrays, query_mode="strided")):
+            rows = zip(distance[video], counted[video], strict=True)
+            medians = [np.median(row[which]) for row, which in rows if which.any()]
+            assert value == pytest.approx(np.mean(medians) if medians else math.nan, rel=1e-12, nan_ok=True)
+
+
 def test_nothing_to_count_is_nan_and_a_lost_prediction_is_the_worst() -> None:
     last = example([[0, 0, 0]], [[0] * 3], [2])
     assert math.isnan(survival(**last, query_mode="first")[0])
