@@ -24,13 +24,14 @@ from pathlib import Path
 
 import click
 
+from decomo_eval.dataset import write_frames
 from decomo_eval.predictions import from_model
 from decomotion import checkpoint
 from decomotion.clip import read_clip
 from decomotion.config import Config
 from decomotion.console import run
 from decomotion.data.prepare import prepare
-from harness.clips import BenchmarkClip, read_clips, write_frames
+from harness.clips import BenchmarkClip, read_clips
 from harness.records import Record, config_digest, is_done, provenance, score_clip, write_record
 from harness.series import Row, read_series
 

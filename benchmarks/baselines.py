@@ -5,7 +5,7 @@
     python benchmarks/baselines.py ../shared/data/tapvid_davis32_dev.pkl --methods linked \
         --set 'data.flow.intervals=[1,2,4]' --out benchmarks/results/gaps-up-to-4
 
-`benchmarks/harness/flow_tracks.py` has the methods and their occlusion rules. Rows are named `<method>-<flow>`.
+`eval/decomo_eval/baselines.py` has the methods and their occlusion rules. Rows are named `<row>-<flow>`, by `ROWS`.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from pathlib import Path
 
 import click
 
+from decomo_eval.baselines import Fields, track
 from decomotion import config as configuration
 from decomotion.config import ESTIMATORS, DataConfig
 from decomotion.console import run
 from decomotion.data.flow import build_flow
 from harness.clips import read_clips
-from harness.flow_tracks import METHODS, Fields, track
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
+
+ROWS = {"chained": "chain", "direct": "direct", "linked": "multi"}
+"""How the records name the methods of `decomo_eval.baselines`."""
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("dataset")
 @click.option("--object-masks", type=click.Path(exists=True, path_type=Path), help="Splits scores: .npz by clip name.")
-@click.option("--methods", default=",".join(METHODS), help="Separated by commas.")
+@click.option("--methods", default=",".join(ROWS), help="Separated by commas.")
 @click.option("--flows", default="dis", help=f"Of {', '.join(ESTIMATORS)}, separated by commas.")
 @click.option("--raft-weights", help="File of weights for RAFT.  [default: torchvision's, by download]")
 @click.option("--preset", default="cpu", help="Its `data` section sets up flow and links.")
@@ -47,7 +50,7 @@ def main(
     out: Path,
 ) -> None:
     """Track the queries of DATASET by flow alone: a TAP-Vid pickle, or the word `procedural`."""
-    for kind, given, known in (("method", methods, METHODS), ("flow", flows, ESTIMATORS)):
+    for kind, given, known in (("method", methods, ROWS), ("flow", flows, ESTIMATORS)):
         for name in given.split(","):
             if name not in known:
                 raise click.UsageError(f"there is no {kind} {name}; choose of {', '.join(known)}")
@@ -66,7 +69,7 @@ def main(
             for method, path in left.items():
                 about = {"row": path.parent.name, "clip": name, **facts, "dataset": Path(dataset).name, **provenance()}
                 begin = time.monotonic()
-                scores = score_clip(clip, lambda queries, f=fields, m=method, c=config: track(m, queries, f, c))
+                scores = score_clip(clip, lambda queries, f=fields, m=ROWS[method], c=config: track(m, queries, f, c))
                 seconds = round(time.monotonic() - begin, 1)  # fields that an earlier method used are there already
                 write_record(path, {**about, "stages": {"track": {"seconds": seconds}}, **scores})
                 strided = scores["metrics"]["strided"]

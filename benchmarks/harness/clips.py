@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -60,11 +59,3 @@ def _procedural(name: str) -> BenchmarkClip:
     height, width = sample.video.shape[1:3]
     video = Video(name, sample.video, height, width, sample.points.astype(np.float64), sample.occluded)
     return BenchmarkClip(video, sample.masks)
-
-
-def write_frames(video: Video, folder: Path) -> Path:
-    """The video as a folder of PNGs, which `decomo-train` takes."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for index, frame in enumerate(video.frames()):
-        cv2.imwrite(str(folder / f"{index:05d}.png"), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-    return folder

@@ -7,7 +7,7 @@
     stages          {stage: {seconds, peak_rss_gib, ...}}; `train` also has prepare_seconds (part of seconds) and steps
     model_bytes     size of the .onnx file; a baseline has none
     metrics         {query mode: {metric: value}} over all points
-    splits          {query mode: {static | dynamic | reappeared: {metric: value, count}}}
+    splits          {query mode: {static | dynamic | visible | reappeared | out_of_frame: {metric: value, count}}}
 
 A metric that is not defined (nothing to count) is null.
 """
@@ -29,9 +29,9 @@ from typing import Any
 import click
 from pydantic import BaseModel
 
+from decomo_eval.measure import score
 from decomo_eval.predictions import Prediction
 from decomo_eval.query_mode import QUERY_MODES
-from decomo_eval.scoring import score
 from decomo_eval.splits import score_splits
 from decomo_eval.tapvid import Queries, sample_queries
 from decomotion.files import replacing

@@ -12,14 +12,31 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from decomo_eval.baselines import FlowBaseline
+    from decomo_eval.dataset import read_dataset
     from decomo_eval.metrics import tapvid_metrics, temporal_coherence
+    from decomo_eval.predictions import Prediction
     from decomo_eval.scoring import Report, evaluate
+    from decomo_eval.tapvid import sample_queries
 
-__all__ = ["Report", "evaluate", "tapvid_metrics", "temporal_coherence"]
+__all__ = [
+    "FlowBaseline",
+    "Prediction",
+    "Report",
+    "evaluate",
+    "read_dataset",
+    "sample_queries",
+    "tapvid_metrics",
+    "temporal_coherence",
+]
 
 _HOMES = {
+    "FlowBaseline": "decomo_eval.baselines",
+    "Prediction": "decomo_eval.predictions",
     "Report": "decomo_eval.scoring",
     "evaluate": "decomo_eval.scoring",
+    "read_dataset": "decomo_eval.dataset",
+    "sample_queries": "decomo_eval.tapvid",
     "tapvid_metrics": "decomo_eval.metrics",
     "temporal_coherence": "decomo_eval.metrics",
 }

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from decomo_eval.columns import COLUMNS
+from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 
 if TYPE_CHECKING:
     from decomo_eval.scoring import Report
-
-_COLUMNS = (
-    ("AJ", "average_jaccard", 100, 1),
-    ("< delta_avg", "average_pts_within_thresh", 100, 1),
-    ("OA", "occlusion_accuracy", 100, 1),
-    ("TC px", "temporal_coherence", 1, 2),
-)
-"""Heading, metric, factor and decimals of the printed table."""
 
 
 @click.group()
@@ -41,8 +35,15 @@ def cli() -> None:
     "--predictions",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of <video>.npz, answers of any tracker to the same queries.",
+    help="Folder of <video>.npz, answers of any tracker to the same queries, CoTracker's, TAPNet's or PIPs'.",
 )
+@click.option(
+    "--baseline",
+    type=click.Choice(BASELINES),
+    help="Track by optical flow alone: chained, direct from the query, or over several gaps.",
+)
+@click.option("--flow", type=click.Choice(FLOWS), default=FLOWS[0], help="Of --baseline; RAFT needs torch.")
+@click.option("--flow-weights", metavar="FILE", help="RAFT's.  [default: torchvision's, by download]")
 @click.option(
     "--query-mode",
     type=click.Choice(QUERY_MODES),
@@ -50,23 +51,62 @@ def cli() -> None:
     help="Query every fifth frame, or each point where it is first visible.",
 )
 @click.option("--videos", metavar="A,B", help="Score these videos only.  [default: all that have a file]")
+@click.option(
+    "--object-masks",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help=".npz of masks [T, H, W] by video: scores what moves apart.",
+)
 @click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Write all metrics there.")
+@click.option(
+    "--report",
+    "report_folder",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write a page, index.html, and the same as JSON, CSV (by video, by track) and a LaTeX row there.",
+)
 def tapvid(
     dataset: Path,
     models: Path | None,
     predictions: Path | None,
+    baseline: str | None,
+    flow: str,
+    flow_weights: str | None,
     query_mode: str,
     videos: str | None,
+    object_masks: Path | None,
     json_path: Path | None,
+    report_folder: Path | None,
 ) -> None:
-    """Score models or predictions on DATASET, a TAP-Vid pickle; distances are pixels at 256x256."""
+    """Score a tracker on DATASET, a TAP-Vid pickle or folder; distances are pixels at 256x256."""
     import json
 
     from decomo_eval.scoring import evaluate
     from decomotion.files import replacing
 
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
-    report = evaluate(dataset, models, predictions, query_mode, names)
+    tracker = None
+    if baseline is not None:
+        from decomo_eval.baselines import FlowBaseline
+
+        tracker = FlowBaseline(baseline, flow, flow_weights)
+    with ExitStack() as stack:
+        writer = None
+        if report_folder is not None:
+            from decomo_eval.report.writer import ReportWriter
+
+            writer = stack.enter_context(ReportWriter(report_folder, query_mode))
+        report = evaluate(
+            dataset,
+            models,
+            predictions,
+            query_mode,
+            names,
+            tracker=tracker,
+            object_masks=object_masks,
+            watch=None if writer is None else writer.see,
+        )
+        page = None if writer is None else writer.write(report)
     click.echo(_table(report))
     for line in _remarks(report):
         click.echo(line)
@@ -76,6 +116,8 @@ def tapvid(
     click.echo(_summary(report))
     if json_path is not None:
         click.echo(f"wrote {json_path}")
+    if page is not None:
+        click.echo(f"wrote {page}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -86,15 +128,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _table(report: Report) -> str:
     rows = [*report.videos.items(), ("mean", report.mean)]
     width = max(len(name) for name, _ in rows)
-    head = " " * width + "".join(f"  {title:>11}" for title, *_ in _COLUMNS)
+    head = " " * width + "".join(f"  {column.title:>11}" for column in COLUMNS)
     lines = [f"{name:<{width}}" + "".join(f"  {cell:>11}" for cell in _cells(metrics)) for name, metrics in rows]
     return "\n".join([head, *lines])
 
 
 def _cells(metrics: Mapping[str, float]) -> list[str]:
-    """A `-` where the metric is undefined."""
-    values = [(metrics[name] * factor, decimals) for _, name, factor, decimals in _COLUMNS]
-    return ["-" if math.isnan(value) else f"{value:.{decimals}f}" for value, decimals in values]
+    return [column.cell(metrics) for column in COLUMNS]
 
 
 def _remarks(report: Report) -> list[str]:

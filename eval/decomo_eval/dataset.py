@@ -1,8 +1,13 @@
-"""TAP-Vid's dataset file: a pickled dict (or list) of videos, each with `video`, `points` and `occluded`."""
+"""Videos with true tracks: TAP-Vid's pickles, folders of their shards, and folders of frames with `.npz` of tracks.
+
+DAVIS and RGB-Stacking are one pickle each, a dict and a list of videos; Kinetics and RoboTAP are folders of several,
+the former with JPEG files as frames. What lies in a folder is read when a video is asked for, and forgotten at the
+next: one shard, or one video, is in memory at a time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval import safe_pickle
+from decomo_eval.arrays import read_npz
 from decomo_eval.errors import DatasetError
+from decomotion.clip import images_in
 
 _KEYS = ("video", "points", "occluded")
 
@@ -22,7 +29,8 @@ class Video:
     """One video of a dataset with its true tracks, as the file has them."""
 
     name: str
-    """Its key in the dataset; in a dataset that is a list, its position: "0", "1", ..."""
+    """Its key in the dataset; in a dataset that is a list, its position: "0", "1", ...; in a shard that is a list,
+    shard and position: "0000_of_0010-0", ..."""
     stored: npt.NDArray[np.uint8] | Sequence[bytes]
     """uint8 [T, H, W, 3], or T JPEG or PNG files."""
     height: int
@@ -49,21 +57,108 @@ class Video:
         return np.stack(frames)
 
 
-def read_dataset(path: str | Path) -> dict[str, Video]:
-    """Reads a TAP-Vid pickle (numpy 1 or 2) without executing anything in it; videos in the file's order.
+def read_dataset(path: str | Path) -> Mapping[str, Video]:
+    """Opens a dataset; videos by name, in the file's order, shards and files in alphabetic order.
 
-    Only the first frame of each video is decoded here, for its size. Raises `DatasetError`.
+    Args:
+        path: a TAP-Vid pickle (numpy 1 or 2), a folder of such (`*.pkl`: the shards of TAP-Vid-Kinetics, the splits
+            of RoboTAP), or a folder of `<video>.npz` with `tracks` and `occluded` beside `<video>/` with its frames.
+
+    Nothing in a file is executed. Only the first frame of each video is decoded here, for its size. Raises
+    `DatasetError`; of videos in folders when they are asked for.
     """
+    path = Path(path)
+    if not path.is_dir():
+        return {name: _read_video(path, name, entry) for name, entry in _entries(path).items()}
+    if shards := sorted(path.glob("*.pkl")):
+        return ShardedDataset(shards)
+    if files := sorted(path.glob("*.npz")):
+        return FolderDataset(files)
+    raise DatasetError(f"{path} holds neither .pkl, TAP-Vid's files, nor .npz, tracks beside folders of frames")
+
+
+class ShardedDataset(Mapping[str, Video]):
+    """Videos of several pickles, the last used of which is in memory. Every shard is read once for its names.
+
+    Raises `DatasetError` where two shards have a video of one name.
+    """
+
+    def __init__(self, shards: Sequence[Path]) -> None:
+        self._shard_of: dict[str, Path] = {}
+        self._loaded: tuple[Path, dict[str, Any]] | None = None
+        for shard in shards:
+            for name in self._entries(shard):
+                if name in self._shard_of:
+                    raise DatasetError(f"{shard} and {self._shard_of[name]} both have a video {name}")
+                self._shard_of[name] = shard
+
+    def __getitem__(self, name: str) -> Video:
+        shard = self._shard_of[name]
+        return _read_video(shard, name, self._entries(shard)[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._shard_of)
+
+    def __len__(self) -> int:
+        return len(self._shard_of)
+
+    def _entries(self, shard: Path) -> dict[str, Any]:
+        if self._loaded is None or self._loaded[0] != shard:
+            self._loaded = None  # before the next is read: never two in memory
+            self._loaded = shard, _entries(shard, prefix=f"{shard.stem}-")
+        return self._loaded[1]
+
+
+class FolderDataset(Mapping[str, Video]):
+    """Videos as folders of frames, each beside a `.npz` of its name.
+
+    `tracks` [N, T, 2] are (x, y) in pixels of the frames, pixel centres at integers, `occluded` is [N, T]; other keys
+    are not read.
+    """
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        self._files = {file.stem: file for file in files}
+
+    def __getitem__(self, name: str) -> Video:
+        file, folder = self._files[name], self._files[name].with_suffix("")
+        truth = read_npz(file, DatasetError)
+        frames = [image.read_bytes() for image in images_in(folder)] if folder.is_dir() else []
+        if not frames or "tracks" not in truth or "occluded" not in truth:
+            raise DatasetError(f"{file} must hold tracks and occluded, and {folder} the video's frames")
+        size = np.array(_decode(name, 0, frames[0]).shape[1::-1])
+        tracks = _numbers(f"video {name} of {file}", "tracks", truth["tracks"])
+        if tracks.ndim != 3 or tracks.shape[2] != 2:
+            raise DatasetError(f"{file} must have tracks [N, T, 2], but they are {list(tracks.shape)}")
+        entry = {"video": frames, "points": (tracks + 0.5) / size, "occluded": truth["occluded"]}
+        return _read_video(file, name, entry)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+
+def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
+    """The videos of one pickle by name; those of a list are named by `prefix` and their position."""
     content = safe_pickle.load(path)
     if isinstance(content, Mapping):
         entries = {str(name): entry for name, entry in content.items()}
     elif isinstance(content, list | tuple):
-        entries = {str(index): entry for index, entry in enumerate(content)}
+        entries = {f"{prefix}{index}": entry for index, entry in enumerate(content)}
     else:
         raise DatasetError(f"{path} holds a {type(content).__name__}; TAP-Vid's form is a dict or list of videos")
     if not entries:
         raise DatasetError(f"{path} holds no videos")
-    return {name: _read_video(path, name, entry) for name, entry in entries.items()}
+    return entries
+
+
+def write_frames(video: Video, folder: Path) -> Path:
+    """Writes the video as a folder of PNGs, which `decomo-train` takes, and returns the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, frame in enumerate(video.frames()):
+        cv2.imwrite(str(folder / f"{index:05d}.png"), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+    return folder
 
 
 def _read_video(path: str | Path, name: str, entry: Any) -> Video:

@@ -52,20 +52,20 @@ def tapvid_metrics(
     gt_tracks, gt_occluded = _as_tracks("gt", gt_tracks, gt_occluded)
     pred_tracks, pred_occluded = _as_tracks("pred", pred_tracks, pred_occluded)
     _check_same_shape(gt_tracks, pred_tracks)
-    counted = _counted_frames(np.asarray(query_points), gt_occluded.shape, query_mode)
+    counted = counted_frames(np.asarray(query_points), gt_occluded.shape, query_mode)
 
     visible, pred_visible = ~gt_occluded, ~pred_occluded
     squared_distance = np.sum(np.square(pred_tracks - gt_tracks), axis=-1)
     true_points = _count(visible & counted)
     within = position_accuracy(gt_tracks, pred_tracks, visible & counted)
 
-    metrics = {"occlusion_accuracy": _ratio(_count((pred_occluded == gt_occluded) & counted), _count(counted))}
+    metrics = {"occlusion_accuracy": ratio(_count((pred_occluded == gt_occluded) & counted), _count(counted))}
     for threshold in THRESHOLDS:
         correct = (squared_distance < threshold**2) & visible
         true_positives = _count(correct & pred_visible & counted)
         false_positives = _count(~correct & pred_visible & counted)
         metrics[f"pts_within_{threshold}"] = within[f"pts_within_{threshold}"]
-        metrics[f"jaccard_{threshold}"] = _ratio(true_positives, true_points + false_positives)
+        metrics[f"jaccard_{threshold}"] = ratio(true_positives, true_points + false_positives)
     metrics["average_jaccard"] = _mean_over_thresholds(metrics, "jaccard")
     metrics["average_pts_within_thresh"] = within["average_pts_within_thresh"]
     return metrics
@@ -89,7 +89,7 @@ def position_accuracy(
     where = np.asarray(where, dtype=bool)
     squared_distance = np.sum(np.square(np.asarray(pred_tracks) - np.asarray(gt_tracks)), axis=-1)
     shares = {
-        f"pts_within_{threshold}": _ratio(_count((squared_distance < threshold**2) & where), _count(where))
+        f"pts_within_{threshold}": ratio(_count((squared_distance < threshold**2) & where), _count(where))
         for threshold in THRESHOLDS
     }
     return {**shares, "average_pts_within_thresh": _mean_over_thresholds(shares, "pts_within")}
@@ -110,7 +110,7 @@ def reappeared(query_points: npt.ArrayLike, gt_occluded: npt.ArrayLike, query_mo
     """
     check_query_mode(query_mode)
     query_points, occluded = np.asarray(query_points), np.asarray(gt_occluded, dtype=bool)
-    counted = _counted_frames(query_points, occluded.shape, query_mode)
+    counted = counted_frames(query_points, occluded.shape, query_mode)
     at_query = np.round(query_points[..., :1]).astype(np.int64)
     hidden = occluded & (np.arange(occluded.shape[2]) != at_query)
     so_far = np.cumsum(hidden, axis=2)
@@ -139,11 +139,19 @@ def temporal_coherence(gt_occluded: npt.ArrayLike, gt_tracks: npt.ArrayLike, pre
     distance = np.linalg.norm(error[..., 2:, :] - 2 * error[..., 1:-1, :] + error[..., :-2, :], axis=-1)
     visible = ~gt_occluded
     counted = visible[..., 2:] & visible[..., 1:-1] & visible[..., :-2]
-    return _ratio(np.sum(distance, axis=(1, 2), where=counted), _count(counted))
+    return ratio(np.sum(distance, axis=(1, 2), where=counted), _count(counted))
 
 
-def _counted_frames(query_points: npt.NDArray, shape: tuple[int, ...], query_mode: str) -> BoolArray:
-    """[b, n, t]: True where the prediction counts."""
+def counted_frames(query_points: npt.NDArray, shape: tuple[int, ...], query_mode: str) -> BoolArray:
+    """Which predictions count: bool [b, n, t]. Strided, all frames but the query's; first, the frames after it.
+
+    Args:
+        query_points: [b, n, 3], (t, y, x). Only t is read, rounded to the nearest frame.
+        shape: (b, n, t).
+        query_mode: `strided` or `first`.
+
+    Raises `EvalError` where a query's frame is not one of the t, or a shape does not fit.
+    """
     if query_points.shape != (*shape[:2], 3):
         raise EvalError(f"query_points must be [b, n, 3] with b, n = {shape[:2]}, but it is {list(query_points.shape)}")
     query_frames = np.round(query_points[..., :1]).astype(np.int64)
@@ -175,7 +183,7 @@ def _count(mask: BoolArray) -> npt.NDArray[np.int64]:
     return np.sum(mask, axis=(1, 2))
 
 
-def _ratio(numerator: npt.NDArray, denominator: npt.NDArray) -> FloatArray:
+def ratio(numerator: npt.NDArray, denominator: npt.NDArray) -> FloatArray:
     """numerator / denominator, nan where the denominator is 0."""
     undefined = np.full(denominator.shape, np.nan)
     return np.divide(numerator, denominator, out=undefined, where=denominator > 0)

@@ -8,12 +8,11 @@
                                  without them, that of the dataset's stored frames
     frames      int   [T]        optional: the frame of each column of `tracks`, which must be 0..T-1
 Pixel centres lie at integers. Other keys, such as `occlusion`, are not read. `decomo-track` writes such a file.
+What other trackers' code returns is taken as it is (`layouts.py`).
 """
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decomo_eval.arrays import read_npz
 from decomo_eval.dataset import Video
 from decomo_eval.errors import PredictionError
-from decomo_eval.tapvid import Queries, pixels_to_raster
+from decomo_eval.layouts import Convention, Size, unpacked
+from decomo_eval.tapvid import RASTER_SIZE, Queries
 
 QUERY_TOLERANCE = 0.05
 """Raster pixels by which the x and y of a query may differ: above the rounding of float32 and of text files with two
@@ -38,6 +39,8 @@ class Prediction:
     """[N, T, 2], (x, y)."""
     occluded: npt.NDArray[np.bool_]
     """[N, T]."""
+    size: Size
+    """(width, height) of the frames that the tracker worked on: TAP-Vid scores 256x256 and full resolution apart."""
 
 
 def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
@@ -54,59 +57,68 @@ def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
     edge = np.array([tracker.width, tracker.height], dtype=np.float32) - 0.5
     asked[:, 1:] = np.clip(asked[:, 1:], -0.5, edge)  # annotators may click a little outside; the model must not be
     answer = tracker.track(asked)
-    return _prediction(path, answer.xy, answer.occluded, (tracker.width, tracker.height), queries)
+    size = tracker.width, tracker.height
+    return _prediction(path, answer.xy, answer.occluded, size, Convention.CENTRES, queries)
 
 
 def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
-    """Reads the answers in `path` (.npz)."""
-    content = _read_npz(path)
-    for key in ("queries", "tracks", "occluded"):
-        if key not in content:
-            raise PredictionError(f"{path} lacks the key {key}; it must hold queries, tracks and occluded")
+    """Reads the answers in `path` (.npz), in our layout or in that of another tracker."""
+    content = read_npz(path, PredictionError)
+    answers = unpacked(path, content, queries)
     if "frames" in content and not np.array_equal(content["frames"], np.arange(video.num_frames)):
         raise PredictionError(f"{path} must hold all {video.num_frames} frames of video {video.name}, in order")
-    size = _size(path, content, default=(video.width, video.height))
-    _check_queries(path, content["queries"], queries, size)
-    return _prediction(path, content["tracks"], content["occluded"], size, queries)
+    sizes = _sizes(path, content, (video.width, video.height), exact=answers.exact)
+    readings = [(size, convention) for size in sizes for convention in answers.conventions]
+    size, convention = _matching(path, answers.queries, queries, readings)
+    return _prediction(path, answers.tracks, answers.occluded, size, convention, queries)
 
 
-def _read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
-    try:
-        with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise PredictionError(f"{path} cannot be read as an .npz of plain arrays ({error})") from error
+def _sizes(path: Path, content: dict[str, npt.NDArray[Any]], stored: Size, *, exact: bool) -> list[Size]:
+    """What (width, height) the file's pixels may refer to, the likeliest first.
 
-
-def _size(path: Path, content: dict[str, npt.NDArray[Any]], default: tuple[int, int]) -> tuple[int, int]:
-    """(width, height) that the file's pixels refer to."""
+    The file's own, where it says so; else that of the stored frames and, unless `exact`, TAP-Vid's 256x256.
+    """
     if "width" not in content and "height" not in content:
-        return default
+        return [stored] if exact else [stored, (RASTER_SIZE, RASTER_SIZE)]
     values = [content.get(key, np.array(0)) for key in ("width", "height")]
     if any(value.size != 1 or value.dtype.kind not in "iuf" or not value.item() >= 1 for value in values):
         raise PredictionError(f"{path} must hold both width and height, as positive numbers, or neither")
-    return int(values[0].item()), int(values[1].item())
+    return [(int(values[0].item()), int(values[1].item()))]
 
 
-def _check_queries(path: Path, answered: npt.NDArray[Any], queries: Queries, size: tuple[int, int]) -> None:
-    """Raises `PredictionError` unless the file answers these queries, in this order."""
-    asked = queries.in_pixels(*size)
-    if answered.shape != asked.shape:
+def _matching(
+    path: Path, answered: npt.NDArray[Any], queries: Queries, readings: list[tuple[Size, Convention]]
+) -> tuple[Size, Convention]:
+    """The first of `readings` under which `answered` [N, 3], (t, x, y), are the benchmark's queries in its order.
+
+    Raises `PredictionError`, which names a query that differs under the first reading, where there is none.
+    """
+    if answered.shape != queries.points.shape:
         raise PredictionError(
-            f"{path} answers queries {list(answered.shape)} but the benchmark asks {list(asked.shape)} in this query "
-            "mode; were they sampled in the other mode?"
+            f"{path} answers queries {list(answered.shape)} but the benchmark asks {list(queries.points.shape)} in "
+            "this query mode; were they sampled in the other mode?"
         )
     if answered.dtype.kind not in "iuf":
         raise PredictionError(f"{path} must hold numbers as queries, not {answered.dtype}")
-    apart = np.abs(pixels_to_raster(answered[:, 1:], *size) - pixels_to_raster(asked[:, 1:], *size)).max(axis=1)
-    differs = ~((apart <= QUERY_TOLERANCE) & (answered[:, 0] == asked[:, 0]))
-    if differs.any():
-        row = int(differs.argmax())
-        raise PredictionError(
-            f"{path} has query {row} at (t, x, y) = {_point(answered[row])} but the benchmark's is at "
-            f"{_point(asked[row])} in pixels of {size[0]}x{size[1]} frames; queries must be in the benchmark's order, "
-            "and if the file's pixels are of another size it must say so by width and height"
-        )
+    for size, convention in readings:
+        if not _differing(answered, queries, size, convention).any():
+            return size, convention
+    size, convention = readings[0]
+    row = int(_differing(answered, queries, size, convention).argmax())
+    asked = np.concatenate([queries.points[:, :1], convention.from_raster(queries.points[:, :0:-1], size)], axis=1)
+    raise PredictionError(
+        f"{path} has query {row} at (t, x, y) = {_point(answered[row])} but the benchmark's is at "
+        f"{_point(asked[row])} in pixels of {size[0]}x{size[1]} frames; queries must be in the benchmark's order, "
+        "and if the file's pixels are of another size it must say so by width and height"
+    )
+
+
+def _differing(
+    answered: npt.NDArray[Any], queries: Queries, size: Size, convention: Convention
+) -> npt.NDArray[np.bool_]:
+    """[N]: whether each answered query is another than the benchmark's."""
+    apart = np.abs(convention.to_raster(answered[:, 1:], size) - queries.points[:, :0:-1]).max(axis=1)
+    return ~((apart <= QUERY_TOLERANCE) & (answered[:, 0] == queries.points[:, 0]))
 
 
 def _point(query: npt.NDArray[Any]) -> str:
@@ -117,7 +129,8 @@ def _prediction(
     path: Path,
     tracks: npt.NDArray[Any],
     occluded: npt.NDArray[Any],
-    size: tuple[int, int],
+    size: Size,
+    convention: Convention,
     queries: Queries,
 ) -> Prediction:
     """Checks tracks in pixels of (width, height) `size` and brings them to the raster."""
@@ -135,4 +148,4 @@ def _prediction(
         raise PredictionError(
             f"{path} has no finite position for query {row} in frame {frame}; give a best guess also where occluded"
         )
-    return Prediction(pixels_to_raster(tracks, *size), occluded.astype(bool))
+    return Prediction(convention.to_raster(tracks, size), occluded.astype(bool), size)

@@ -1,4 +1,4 @@
-"""From a dataset and a folder of models or predictions to a report: read, ask, measure, average."""
+"""From a dataset and a tracker's answers to a report: read, ask, measure, average. One video in memory at a time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,37 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from decomo_eval.arrays import read_npz
+from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
-from decomo_eval.metrics import tapvid_metrics, temporal_coherence
+from decomo_eval.measure import score
 from decomo_eval.predictions import Prediction, from_model, from_npz
 from decomo_eval.query_mode import STRIDED, check_query_mode
-from decomo_eval.tapvid import Queries, sample_queries
+from decomo_eval.splits import COUNT, score_splits
+from decomo_eval.tapvid import RASTER_SIZE, Queries, sample_queries
 
 logger = logging.getLogger(__name__)
 
-Predict = Callable[[Path, Video, Queries], Prediction]
+Tracker = Callable[[Video, Queries], Prediction]
 
-TEMPORAL_COHERENCE = "temporal_coherence"
+STANDARD, ORIGINAL = f"{RASTER_SIZE}x{RASTER_SIZE}", "original"
+"""TAP-Vid's categories: what the tracker worked on. Scores are measured on the 256x256 raster in both."""
+
+Metrics = Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """One video as it has just been scored, for those who look on."""
+
+    video: Video
+    queries: Queries
+    prediction: Prediction
+    metrics: Metrics
 
 
 @dataclass(frozen=True)
@@ -30,13 +49,21 @@ class Report:
     dataset: str
     """The dataset's path, as given."""
     query_mode: str
-    videos: Mapping[str, Mapping[str, float]]
-    """Metrics of each video by their official names, 0..1, and `temporal_coherence` in pixels at 256x256.
+    tracker: str
+    """Where the answers came from: the folder, or the tracker's name."""
+    resolution: str
+    """`256x256` or `original`: the frames that the tracker worked on. TAP-Vid keeps the two apart."""
+    videos: Mapping[str, Metrics]
+    """Metrics of each video by their official names, 0..1, and those of `measure.IN_PIXELS` in pixels at 256x256.
 
     A metric with nothing to count in a video is nan (`metrics.py`).
     """
-    mean: Mapping[str, float]
+    mean: Metrics
     """Mean of each metric over the videos in which it is defined; nan where it is in none."""
+    interval: Mapping[str, tuple[float, float]]
+    """95 % bootstrap interval of each mean, over videos (`bootstrap.py`); nan with fewer than two."""
+    splits: Mapping[str, Metrics]
+    """By kind of point (`splits.py`): the mean over videos of each metric, `count` being the sum."""
     missing: tuple[str, ...]
     """Videos of the dataset without a file in the folder; not scored."""
     undefined: Mapping[str, tuple[str, ...]]
@@ -47,8 +74,14 @@ class Report:
         return {
             "dataset": self.dataset,
             "query_mode": self.query_mode,
+            "tracker": self.tracker,
+            "resolution": self.resolution,
             "videos": {name: _without_nan(metrics) for name, metrics in self.videos.items()},
             "mean": _without_nan(self.mean),
+            "interval": {
+                name: [None if math.isnan(end) else end for end in ends] for name, ends in self.interval.items()
+            },
+            "splits": {name: _without_nan(metrics) for name, metrics in self.splits.items()},
             "missing": list(self.missing),
             "undefined": {name: list(metrics) for name, metrics in self.undefined.items()},
         }
@@ -60,34 +93,48 @@ def evaluate(
     predictions: str | Path | None = None,
     query_mode: str = STRIDED,
     videos: Sequence[str] | None = None,
+    *,
+    tracker: Tracker | None = None,
+    object_masks: str | Path | None = None,
+    watch: Callable[[Scored], None] | None = None,
 ) -> Report:
-    """Scores a tracker on a TAP-Vid dataset.
+    """Scores a tracker on a TAP-Vid dataset; give one of `models`, `predictions` and `tracker`.
 
     Args:
-        dataset: TAP-Vid pickle.
+        dataset: TAP-Vid pickle, or a folder (`dataset.read_dataset`).
         models: folder of `<video>.onnx`, asked through `decomo_runtime`; or
-        predictions: folder of `<video>.npz` from any tracker (`predictions.py` has the keys).
+        predictions: folder of `<video>.npz` from any tracker (`predictions.py`, `layouts.py`); or
+        tracker: called as `tracker(video, queries)`, for instance `baselines.FlowBaseline("chain")`.
         query_mode: `strided` or `first`.
         videos: names of the videos to score, each of which must have its file; by default all that have one.
+        object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
+        watch: called with each video as soon as it is scored.
 
     Raises `DatasetError` or `PredictionError` where a file is not as it should be.
     """
     check_query_mode(query_mode)
-    folder, suffix, predict = _source(models, predictions)
-    asked = _select(read_dataset(dataset), videos, dataset)
-    files = {name: folder / f"{name}{suffix}" for name in asked}
-    missing = tuple(name for name, file in files.items() if not file.is_file())
-    if missing and (videos is not None or len(missing) == len(asked)):
-        raise PredictionError(
-            f"{folder} has no {', '.join(files[name].name for name in missing)}; it must hold <video>{suffix} for the "
-            "videos to score"
-        )
+    name_of_tracker, answers = _source(models, predictions, tracker)
+    known = read_dataset(dataset)
+    asked = _select(known, videos, dataset)
+    masks = {} if object_masks is None else _masks(Path(object_masks))
+    missing: tuple[str, ...] = ()
+    if isinstance(answers, _Folder):
+        missing = answers.missing(asked, all_needed=videos is not None)
 
-    scores = {}
+    scores: dict[str, Metrics] = {}
+    splits: dict[str, Mapping[str, Metrics]] = {}
+    resolutions: dict[str, str] = {}
     present = [name for name in asked if name not in missing]
     for number, name in enumerate(present, start=1):
-        queries = sample_queries(asked[name], query_mode)
-        scores[name] = score(queries, predict(files[name], asked[name], queries), query_mode)
+        video = known[name]
+        queries = sample_queries(video, query_mode)
+        prediction = answers(video, queries)
+        resolutions.setdefault(STANDARD if prediction.size == (RASTER_SIZE, RASTER_SIZE) else ORIGINAL, name)
+        _check_one_category(resolutions)
+        scores[name] = score(queries, prediction, query_mode)
+        splits[name] = score_splits(queries, prediction, query_mode, masks.get(name))
+        if watch is not None:
+            watch(Scored(video, queries, prediction, scores[name]))
         logger.info("scored %s (%d of %d), %d queries", name, number, len(present), len(queries.points))
     undefined = {
         name: tuple(metric for metric, value in metrics.items() if math.isnan(value))
@@ -96,48 +143,96 @@ def evaluate(
     return Report(
         dataset=str(dataset),
         query_mode=query_mode,
+        tracker=name_of_tracker,
+        resolution=next(iter(resolutions)),
         videos=scores,
-        mean=_mean_over_videos(scores),
+        mean=_mean_over_videos(list(scores.values())),
+        interval={name: mean_interval([m[name] for m in scores.values()]) for name in next(iter(scores.values()))},
+        splits=_splits_over_videos(list(splits.values())),
         missing=missing,
         undefined={name: metrics for name, metrics in undefined.items() if metrics},
     )
 
 
-def score(queries: Queries, prediction: Prediction, query_mode: str) -> dict[str, float]:
-    """All metrics of one video."""
-    true = queries.occluded[None], queries.tracks[None]
-    predicted = prediction.occluded[None], prediction.tracks[None]
-    metrics = tapvid_metrics(queries.points[None], *true, *predicted, query_mode)
-    metrics[TEMPORAL_COHERENCE] = temporal_coherence(*true, prediction.tracks[None])
-    return {name: float(value[0]) for name, value in metrics.items()}
+@dataclass(frozen=True)
+class _Folder:
+    """Answers out of one file a video."""
+
+    path: Path
+    suffix: str
+    read: Callable[[Path, Video, Queries], Prediction]
+
+    def __call__(self, video: Video, queries: Queries) -> Prediction:
+        return self.read(self.path / f"{video.name}{self.suffix}", video, queries)
+
+    def missing(self, names: Sequence[str], *, all_needed: bool) -> tuple[str, ...]:
+        """The videos without a file; `PredictionError` where that is all of them, or any and `all_needed`."""
+        absent = tuple(name for name in names if not (self.path / f"{name}{self.suffix}").is_file())
+        if absent and (all_needed or len(absent) == len(names)):
+            raise PredictionError(
+                f"{self.path} has no {', '.join(f'{name}{self.suffix}' for name in absent)}; it must hold "
+                f"<video>{self.suffix} for the videos to score"
+            )
+        return absent
 
 
-def _source(models: str | Path | None, predictions: str | Path | None) -> tuple[Path, str, Predict]:
-    """The folder, the suffix of its files, and how to get answers from one."""
-    if models is not None and predictions is None:
-        return Path(models), ".onnx", from_model
-    if predictions is not None and models is None:
-        return Path(predictions), ".npz", from_npz
-    raise EvalError("give either models, a folder of <video>.onnx, or predictions, a folder of <video>.npz")
+def _source(
+    models: str | Path | None, predictions: str | Path | None, tracker: Tracker | None
+) -> tuple[str, Tracker | _Folder]:
+    """What to call the tracker, and whom to ask."""
+    if [models, predictions, tracker].count(None) != 2:
+        raise EvalError(
+            "give either models, a folder of <video>.onnx, or predictions, a folder of <video>.npz, or a baseline"
+        )
+    if models is not None:
+        return str(models), _Folder(Path(models), ".onnx", from_model)
+    if predictions is not None:
+        return str(predictions), _Folder(Path(predictions), ".npz", from_npz)
+    assert tracker is not None
+    return str(getattr(tracker, "name", getattr(tracker, "__name__", type(tracker).__name__))), tracker
 
 
-def _select(known: Mapping[str, Video], names: Sequence[str] | None, dataset: str | Path) -> dict[str, Video]:
-    """The named videos in the order of the names, or all."""
+def _masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
+    masks = read_npz(path, DatasetError)
+    if any(mask.dtype.kind not in "biu" for mask in masks.values()):
+        raise DatasetError(f"{path} must hold masks [T, H, W] of booleans or whole numbers, by video")
+    return {name: mask != 0 for name, mask in masks.items()}
+
+
+def _check_one_category(resolutions: Mapping[str, str]) -> None:
+    if len(resolutions) > 1:
+        raise PredictionError(
+            f"{resolutions[STANDARD]} was tracked at 256x256 but {resolutions[ORIGINAL]} at another size; these are "
+            "categories of their own: score them apart, with --videos or in folders of their own"
+        )
+
+
+def _select(known: Mapping[str, Video], names: Sequence[str] | None, dataset: str | Path) -> list[str]:
+    """The names, checked, or those of all videos."""
     if names is None:
-        return dict(known)
+        return list(known)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}; it has {', '.join(known)}")
     if not names:
         raise DatasetError(f"no video is named; {dataset} has {', '.join(known)}")
-    return {name: known[name] for name in names}
+    return list(names)
 
 
-def _mean_over_videos(scores: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+def _mean_over_videos(scores: Sequence[Metrics]) -> dict[str, float]:
     """Mean of each metric over the videos in which it is defined."""
-    names = next(iter(scores.values()))
-    defined = {name: [m[name] for m in scores.values() if not math.isnan(m[name])] for name in names}
+    names = dict.fromkeys(name for metrics in scores for name in metrics)
+    defined = {name: [m[name] for m in scores if name in m and not math.isnan(m[name])] for name in names}
     return {name: math.fsum(values) / len(values) if values else math.nan for name, values in defined.items()}
+
+
+def _splits_over_videos(splits: Sequence[Mapping[str, Metrics]]) -> dict[str, dict[str, float]]:
+    """Mean over the videos that have a split; its counts are added."""
+    over = {}
+    for name in dict.fromkeys(name for video in splits for name in video):
+        those = [video[name] for video in splits if name in video]
+        over[name] = {**_mean_over_videos(those), COUNT: sum(metrics[COUNT] for metrics in those)}
+    return over
 
 
 def _without_nan(metrics: Mapping[str, float]) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""Scores by kind of point: on the static scene, on moving objects, visible again after an occlusion."""
+"""Scores by kind of point: static, moving, in sight all along, visible again after an occlusion, out of the frame."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval.errors import EvalError
-from decomo_eval.metrics import position_accuracy, reappeared
+from decomo_eval.measure import score
+from decomo_eval.metrics import counted_frames, position_accuracy, ratio, reappeared
 from decomo_eval.predictions import Prediction
-from decomo_eval.scoring import score
 from decomo_eval.tapvid import RASTER_SIZE, Queries
 
 BoolArray = npt.NDArray[np.bool_]
 
 COUNT = "count"
-"""Beside the metrics of a split: how many queries (static, dynamic) or points (reappeared) it has."""
+"""Beside the metrics of a split: how many queries (static, dynamic) or points (the others) it has."""
 
 
 def score_splits(
@@ -26,8 +26,11 @@ def score_splits(
 
     static, dynamic: all metrics (`scoring.score`) of the queries off and on `object_masks`, judged in the query's own
         frame, where the point is visible. Only with `object_masks`; a split without queries is left out.
-    reappeared: position accuracy (`metrics.position_accuracy`) in the frames in which a point is visible again after
-        an occlusion (`metrics.reappeared`).
+    visible, reappeared: position accuracy (`metrics.position_accuracy`) in the frames in which a point has been in
+        sight ever since the query's, and in those in which it is visible again after an occlusion
+        (`metrics.reappeared`).
+    out_of_frame: occlusion accuracy where the true point is hidden because it lies outside the image. Only datasets
+        that say where hidden points are, the rendered ones, have such; in others its count may be 0.
 
     Args:
         queries: of the video.
@@ -41,11 +44,17 @@ def score_splits(
         for name, rows in (("static", ~dynamic), ("dynamic", dynamic)):
             if rows.any():
                 chosen = Queries(queries.points[rows], queries.tracks[rows], queries.occluded[rows])
-                answers = Prediction(prediction.tracks[rows], prediction.occluded[rows])
+                answers = Prediction(prediction.tracks[rows], prediction.occluded[rows], prediction.size)
                 splits[name] = {COUNT: int(rows.sum()), **score(chosen, answers, query_mode)}
-    again = reappeared(queries.points[None], queries.occluded[None], query_mode)
-    shares = position_accuracy(queries.tracks[None], prediction.tracks[None], again)
-    splits["reappeared"] = {COUNT: int(again.sum()), **_first_video(shares)}
+    points, occluded, tracks = queries.points[None], queries.occluded[None], queries.tracks[None]
+    counted = counted_frames(points, occluded.shape, query_mode)
+    again = reappeared(points, occluded, query_mode)
+    for name, where in (("visible", counted & ~occluded & ~again), ("reappeared", again)):
+        shares = position_accuracy(tracks, prediction.tracks[None], where)
+        splits[name] = {COUNT: int(where.sum()), **_first_video(shares)}
+    outside = counted & occluded & ((tracks < 0) | (tracks > RASTER_SIZE)).any(axis=-1)
+    right = ratio((prediction.occluded[None] & outside).sum(axis=(1, 2)), outside.sum(axis=(1, 2)))
+    splits["out_of_frame"] = {COUNT: int(outside.sum()), **_first_video({"occlusion_accuracy": right})}
     return splits
 
 

@@ -20,6 +20,7 @@ from harness import clips, records
 from harness.series import Row, read_series
 from tiny_fit import TINY_CPU, sliding_square, write_truth
 
+SPLITS = {"static", "dynamic", "visible", "reappeared", "out_of_frame"}
 SERIES = sorted((Path(accuracy.__file__).parent / "series").glob("*.yaml"))
 
 
@@ -75,10 +76,14 @@ class TestClips:
         assert masks is not None
         assert masks.shape == (32, 256, 256)
         assert masks.any()
-        perfect = records.score_clip(found["seed3"], lambda queries: Prediction(queries.tracks, queries.occluded))
+        perfect = records.score_clip(
+            found["seed3"], lambda queries: Prediction(queries.tracks, queries.occluded, (256, 256))
+        )
         assert perfect["metrics"]["strided"]["average_jaccard"] == 1
         for mode in ("strided", "first"):
-            assert set(perfect["splits"][mode]) == {"static", "dynamic", "reappeared"}
+            assert set(perfect["splits"][mode]) == SPLITS
+            outside = perfect["splits"][mode].pop("out_of_frame")
+            assert outside["count"] == 0 or outside["occlusion_accuracy"] == 1
             for split in perfect["splits"][mode].values():
                 assert split["average_pts_within_thresh"] == 1
                 assert split["count"] > 0
@@ -145,7 +150,7 @@ def test_a_fit_is_recorded_and_not_made_again(
     assert set(record["stages"]) == {"prepare", "train", "export", "score"}
     assert record["stages"]["train"]["steps"] == 2
     assert 0.1 < record["stages"]["train"]["peak_rss_gib"] < 10
-    assert set(record["splits"]["strided"]) == {"static", "dynamic", "reappeared"}
+    assert set(record["splits"]["strided"]) == SPLITS
     assert record["commit"]
     assert record["model_bytes"] > 0
     monkeypatch.setattr(accuracy, "run_stage", lambda *command: pytest.fail("made again"))

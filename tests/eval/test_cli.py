@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,10 @@ def test_scores_are_printed_and_written(
     assert printed[-2] == ("strided, mean over 2 of 2 videos: AJ 100.0, < delta_avg 100.0, OA 100.0, TC 0.00 px")
     assert printed[-1] == f"wrote {out}"
     written = json.loads(out.read_text())
-    assert list(written) == ["dataset", "query_mode", "videos", "mean", "missing", "undefined"]
+    assert list(written) == [
+        *("dataset", "query_mode", "tracker", "resolution"),
+        *("videos", "mean", "interval", "splits", "missing", "undefined"),
+    ]
     assert written["dataset"] == str(dataset)
     assert written["query_mode"] == "strided"
     assert written["mean"]["average_jaccard"] == 1
@@ -113,3 +117,22 @@ def test_bad_predictions_leave_the_former_json(
 def test_help_shows_defaults(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tapvid", "--help"]) == 0
     assert "[default: strided]" in capsys.readouterr().out
+
+
+def test_a_baseline_needs_no_files_and_its_name_is_kept(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.json"
+    assert main(["tapvid", str(dataset), "--baseline", "direct", "--videos", "left", "--json", str(out)]) == 0
+    written = json.loads(out.read_text())
+    assert (written["tracker"], written["resolution"]) == ("direct-dis", "original")
+    assert main(["tapvid", str(dataset), "--baseline", "direct", "--flow-weights", "w.pth"]) == 2
+    assert "dis has no weights" in capsys.readouterr().err
+
+
+def test_a_baseline_without_its_libraries_says_what_to_install(
+    dataset: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "decomotion.config", None)  # as where a library that it imports is not there
+    assert main(["tapvid", str(dataset), "--baseline", "chain"]) == 2
+    assert "--baseline needs the training extra" in capsys.readouterr().err

@@ -12,17 +12,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+import decomo_eval
 from decomo_eval import evaluate
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
+from decomo_eval.measure import IN_PIXELS, score, score_tracks
+from decomo_eval.predictions import Prediction
+from decomo_eval.scoring import Scored
 from decomo_eval.tapvid import sample_queries
 
 WritePredictions = Callable[..., Path]
 
 
 def assert_perfect(metrics: Any) -> None:
-    assert metrics["temporal_coherence"] == pytest.approx(0, abs=1e-4)  # float32 positions of up to 256
-    assert all(value == 1 for name, value in metrics.items() if name != "temporal_coherence")
+    for name, value in metrics.items():
+        # float32 positions of up to 256
+        assert value == (pytest.approx(0, abs=1e-4) if name in IN_PIXELS else 1), name
 
 
 @pytest.mark.parametrize("query_mode", ["first", "strided"])
@@ -71,6 +76,52 @@ def test_a_folder_without_any_video_is_an_error(dataset: Path, tmp_path: Path) -
         evaluate(dataset, models=tmp_path)
     with pytest.raises(PredictionError, match=r"nowhere has no left.npz"):
         evaluate(dataset, predictions=tmp_path / "nowhere")
+
+
+def test_the_two_resolutions_are_not_averaged(dataset: Path, write_predictions: WritePredictions) -> None:
+    folder = write_predictions("left", size=(256, 256))
+    assert evaluate(dataset, predictions=folder).resolution == "256x256"
+    write_predictions("right")
+    assert evaluate(dataset, predictions=folder, videos=["right"]).resolution == "original"
+    with pytest.raises(PredictionError, match="left was tracked at 256x256 but right at another size"):
+        evaluate(dataset, predictions=folder)
+
+
+def still(video: Any, queries: Any) -> Prediction:
+    """Every point stays where it was asked for."""
+    tracks = np.repeat(queries.points[:, None, :0:-1], queries.occluded.shape[1], axis=1)
+    return Prediction(tracks, np.zeros_like(queries.occluded), (video.width, video.height))
+
+
+def test_a_function_is_a_tracker_and_is_watched(dataset: Path) -> None:
+    seen: list[Scored] = []
+    report = evaluate(dataset, tracker=still, watch=seen.append)
+    assert report.tracker == "still"
+    assert [scored.video.name for scored in seen] == ["left", "right"]
+    assert [scored.metrics for scored in seen] == list(report.videos.values())
+    low, high = report.interval["average_jaccard"]
+    values = [metrics["average_jaccard"] for metrics in report.videos.values()]
+    assert min(values) <= low < report.mean["average_jaccard"] < high <= max(values)
+
+
+def test_splits_are_means_over_videos_and_counts_are_added(dataset: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "masks.npz", left=np.ones((11, 5, 8), bool))
+    splits = evaluate(dataset, tracker=still, object_masks=tmp_path / "masks.npz").splits
+    assert set(splits) == {"dynamic", "visible", "reappeared", "out_of_frame"}
+    alone = evaluate(dataset, tracker=still, videos=["left"])
+    assert splits["dynamic"]["average_jaccard"] == alone.mean["average_jaccard"]
+    counts = [evaluate(dataset, tracker=still, videos=[name]).splits["visible"]["count"] for name in ("left", "right")]
+    assert splits["visible"]["count"] == sum(counts) > 0
+
+
+def test_tracks_are_scored_one_by_one(dataset: Path) -> None:
+    queries = sample_queries(read_dataset(dataset)["left"], "strided")
+    video = read_dataset(dataset)["left"]
+    tracks = score_tracks(queries, still(video, queries), "strided")
+    alone = type(queries)(queries.points[[3]], queries.tracks[[3]], queries.occluded[[3]])
+    for name, value in score(alone, still(video, alone), "strided").items():
+        np.testing.assert_equal(tracks[name][3], value)
+        assert tracks[name].shape == (len(queries.points),)
 
 
 def test_exactly_one_source_is_needed(dataset: Path, tmp_path: Path) -> None:
@@ -151,3 +202,15 @@ def test_still_points_on_real_video(shared: Path, tmp_path: Path) -> None:
         assert report.videos[name]["occlusion_accuracy"] == (~truth.occluded)[after].mean()
         assert 0 < report.videos[name]["average_jaccard"] < report.videos[name]["average_pts_within_thresh"] < 1
     assert videos["goat"].frames().shape == (32, 256, 256, 3)
+
+
+def test_a_tracker_s_answers_saved_as_the_page_says_score_as_the_function(dataset: Path, tmp_path: Path) -> None:
+    """docs/scoring.md, step 2, both ways."""
+    for name, video in decomo_eval.read_dataset(dataset).items():
+        queries = decomo_eval.sample_queries(video, "strided").in_pixels(video.width, video.height)
+        tracks = np.repeat(queries[:, None, 1:], video.num_frames, axis=1)
+        occluded = np.zeros(tracks.shape[:2], bool)
+        np.savez(tmp_path / f"{name}.npz", queries=queries, tracks=tracks, occluded=occluded)
+    by_files, by_function = evaluate(dataset, predictions=tmp_path).mean, evaluate(dataset, tracker=still).mean
+    for name, value in by_function.items():
+        assert by_files[name] == pytest.approx(value, rel=1e-4), name  # float32 queries

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decomo_eval.errors import EvalError
+from decomo_eval.measure import score
 from decomo_eval.metrics import position_accuracy, reappeared, tapvid_metrics
 from decomo_eval.predictions import Prediction
-from decomo_eval.scoring import score
 from decomo_eval.splits import on_objects, score_splits
 from decomo_eval.tapvid import Queries
 
@@ -91,14 +91,17 @@ def video() -> tuple[Queries, Prediction, np.ndarray]:
     occluded[2] = True
     masks = np.zeros((4, 12, 16), bool)
     masks[:, :, :8] = True
-    return queries, Prediction(tracks + np.array([0, 3]), occluded), masks
+    return queries, Prediction(tracks + np.array([0, 3]), occluded, (256, 256)), masks
 
 
 def test_static_and_dynamic_queries() -> None:
     queries, prediction, masks = video()
     assert on_objects(queries, masks).tolist() == [True, True, False]
     splits = score_splits(queries, prediction, "strided", masks)
-    assert {name: split["count"] for name, split in splits.items()} == {"static": 1, "dynamic": 2, "reappeared": 0}
+    assert {name: split["count"] for name, split in splits.items()} == {
+        **{"static": 1, "dynamic": 2},
+        **{"visible": 9, "reappeared": 0, "out_of_frame": 0},
+    }
     assert splits["dynamic"]["occlusion_accuracy"] == 1
     assert splits["static"]["occlusion_accuracy"] == 0
     assert splits["static"]["pts_within_4"] == 1
@@ -110,7 +113,7 @@ def test_a_split_of_all_queries_is_the_whole() -> None:
     splits = score_splits(queries, prediction, "first", np.ones_like(masks))
     assert "static" not in splits
     assert splits["dynamic"] == {"count": 3, **score(queries, prediction, "first")}
-    assert set(score_splits(queries, prediction, "first")) == {"reappeared"}
+    assert set(score_splits(queries, prediction, "first")) == {"visible", "reappeared", "out_of_frame"}
 
 
 def test_points_outside_the_image_belong_to_its_border() -> None:
@@ -123,3 +126,14 @@ def test_masks_of_another_length() -> None:
     queries, prediction, masks = video()
     with pytest.raises(EvalError, match=r"T = 4 frames, but they are \[3, 12, 16\]"):
         score_splits(queries, prediction, "strided", masks[:3])
+
+
+def test_out_of_frame_asks_for_occlusion_where_the_hidden_truth_is_outside() -> None:
+    tracks = np.array([[[10.0, 10], [-3, 10], [20, 260], [30, 30], [-5, 5]]])
+    occluded = np.array([[False, True, True, True, False]])  # frame 3: hidden inside; frame 4: outside, yet seen
+    queries = Queries(np.array([[0, 10.0, 10]]), tracks, occluded)
+    said = np.array([[True, True, False, False, False]])
+    splits = score_splits(queries, Prediction(tracks, said, (256, 256)), "first")
+    assert splits["out_of_frame"] == {"count": 2, "occlusion_accuracy": 0.5}
+    assert splits["visible"]["count"] == 0
+    assert splits["reappeared"]["count"] == 1

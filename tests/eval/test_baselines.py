@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from decomo_eval.baselines import METHODS, Fields, FlowBaseline, direct, linked, track
+from decomo_eval.dataset import Video
+from decomo_eval.errors import EvalError
+from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.tapvid import Queries, pixels_to_raster
-from decomotion.config import load
-from harness.flow_tracks import METHODS, Fields, direct, linked, track
+from decomotion.config import ESTIMATORS, load
 
 FRAMES, HEIGHT, WIDTH = 6, 20, 30
 VIDEO = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
@@ -58,7 +61,7 @@ class Broken:
 ASKED = np.array([[0, 100.0, 100.0]], np.float32)
 
 
-def test_chained_tracks_stay_hidden_and_direct_ones_return():
+def test_chain_tracks_stay_hidden_and_direct_ones_return():
     broken = Fields(VIDEO, Broken(1.2))
     xy, hidden = linked(ASKED, broken, (1,), 1.0, FRAMES)
     assert hidden[0].tolist() == [False] * 3 + [True] * 3
@@ -72,6 +75,34 @@ def test_chained_tracks_stay_hidden_and_direct_ones_return():
 def test_links_go_round_a_broken_hop():
     _, hidden = linked(ASKED, Fields(VIDEO, Broken(5.0)), (1, 2), 1.5, FRAMES)
     assert hidden[0].tolist() == [False] * 6
+
+
+def test_a_baseline_tracks_a_sliding_texture_with_dis():
+    """A whole-pixel shift, wrapped; points far from the border."""
+    rng = np.random.default_rng(0)
+    texture = np.kron(rng.integers(0, 256, (16, 16, 3)), np.ones((6, 6, 1))).astype(np.uint8)
+    frames = np.stack([np.roll(texture, 2 * frame, axis=1) for frame in range(4)])
+    points = np.array([[40.0 + 2 * frame, 30] for frame in range(4)])
+    true = pixels_to_raster(points, 96, 96)[None]
+    video = Video("texture", frames, 96, 96, true / 256, np.zeros((1, 4), bool))
+    queries = Queries(np.array([[0, *true[0, 0, ::-1]]]), true, video.occluded)
+    for method in METHODS:
+        prediction = FlowBaseline(method)(video, queries)
+        assert np.abs(prediction.tracks - true).max() < 1  # raster pixels; DIS is good to a fraction of one
+        assert not prediction.occluded.any()
+        assert prediction.size == (96, 96)
+
+
+def test_names_are_those_of_the_configuration_and_unknown_ones_are_refused():
+    assert tuple(ESTIMATORS) == FLOWS
+    assert tuple(METHODS) == BASELINES
+    assert FlowBaseline("multi").name == "multi-dis"
+    with pytest.raises(EvalError, match="no baseline chained; choose of chain, direct, multi"):
+        FlowBaseline("chained")
+    with pytest.raises(EvalError, match="no flow raft"):
+        FlowBaseline("chain", "raft")
+    with pytest.raises(EvalError, match="dis has no weights"):
+        FlowBaseline("chain", "dis", "weights.pth")
 
 
 def test_no_queries():

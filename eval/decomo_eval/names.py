@@ -1,0 +1,10 @@
+"""Names that the command offers, apart from what they stand for, so that its help loads nothing."""
+
+from __future__ import annotations
+
+BASELINES = ("chain", "direct", "multi")
+"""Ways from flow to tracks (`baselines.py`)."""
+FLOWS = ("dis", "raft-small", "raft-large")
+"""Flow estimators, by the names of the trainer's configuration."""
+ENGINES = ("local",)
+"""Where the tasks of a whole benchmark run (`bench/`)."""

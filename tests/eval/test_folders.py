@@ -1,0 +1,82 @@
+"""Datasets that are folders: shards of pickles, and frames beside tracks."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from decomo_eval import dataset as module
+from decomo_eval.dataset import read_dataset
+from decomo_eval.errors import DatasetError, UnsafePickleError
+
+
+def as_jpegs(entry: dict[str, Any]) -> dict[str, Any]:
+    """As TAP-Vid-Kinetics has it."""
+    return {**entry, "video": [cv2.imencode(".jpg", frame)[1].tobytes() for frame in entry["video"]]}
+
+
+def test_shards_that_are_lists_and_dicts(
+    tmp_path: Path, dataset_content: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left, right = dataset_content.values()
+    (tmp_path / "0000_of_0002.pkl").write_bytes(pickle.dumps([as_jpegs(left), as_jpegs(right)]))
+    (tmp_path / "0001_of_0002.pkl").write_bytes(pickle.dumps({"robot": right}))
+    videos = read_dataset(tmp_path)
+    assert list(videos) == ["0000_of_0002-0", "0000_of_0002-1", "robot"]
+    loads = []
+    load = module.safe_pickle.load
+    monkeypatch.setattr(module.safe_pickle, "load", lambda path: loads.append(path.name) or load(path))
+    for name, entry in zip(videos, (left, right, right), strict=True):
+        assert videos[name].name == name
+        np.testing.assert_array_equal(videos[name].points, entry["points"])
+        assert videos[name].frames().shape == entry["video"].shape
+    # asked many times, read once each: the last shard is kept (the last of the names' reading, too)
+    assert loads == ["0000_of_0002.pkl", "0001_of_0002.pkl"]
+
+
+def test_one_name_in_two_shards_is_refused(tmp_path: Path, dataset_content: dict[str, Any]) -> None:
+    for shard in ("a.pkl", "b.pkl"):
+        (tmp_path / shard).write_bytes(pickle.dumps({"same": dataset_content["left"]}))
+    with pytest.raises(DatasetError, match=r"b.pkl and .*a.pkl both have a video same"):
+        read_dataset(tmp_path)
+
+
+def test_a_malicious_shard_is_refused(tmp_path: Path) -> None:
+    mark = tmp_path / "executed"
+    (tmp_path / "evil.pkl").write_bytes(b"cposix\nsystem\n(Vtouch " + str(mark).encode() + b"\ntR.")
+    with pytest.raises(UnsafePickleError):
+        read_dataset(tmp_path)
+    assert not mark.exists()
+
+
+def write_folder(folder: Path, entry: dict[str, Any], **replaced: Any) -> None:
+    (folder / "goat").mkdir()
+    for index, frame in enumerate(entry["video"]):
+        cv2.imwrite(str(folder / "goat" / f"{index}.png"), frame[..., ::-1])
+    height, width = entry["video"].shape[1:3]
+    tracks = entry["points"] * [width, height] - 0.5
+    np.savez(folder / "goat.npz", **{"tracks": tracks, "occluded": entry["occluded"], **replaced})
+
+
+def test_frames_beside_tracks_are_the_same_video(tmp_path: Path, entry: dict[str, Any]) -> None:
+    write_folder(tmp_path, entry)
+    video = read_dataset(tmp_path)["goat"]
+    np.testing.assert_allclose(video.points, entry["points"], rtol=1e-12)
+    np.testing.assert_array_equal(video.frames(), entry["video"])  # eleven frames: 10.png comes last
+    assert (video.width, video.height) == (32, 20)
+
+
+def test_what_a_folder_lacks_is_named(tmp_path: Path, entry: dict[str, Any]) -> None:
+    with pytest.raises(DatasetError, match=r"neither .pkl, TAP-Vid's files, nor .npz"):
+        read_dataset(tmp_path)
+    np.savez(tmp_path / "alone.npz", tracks=entry["points"], occluded=entry["occluded"])
+    with pytest.raises(DatasetError, match=r"and .*alone the video's frames"):
+        read_dataset(tmp_path)["alone"]
+    write_folder(tmp_path, entry, tracks=entry["points"][0])
+    with pytest.raises(DatasetError, match=r"must have tracks \[N, T, 2\]"):
+        read_dataset(tmp_path)["goat"]

@@ -1,0 +1,102 @@
+"""What other trackers return, saved as it is, scores as the same answers in our layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from decomo_eval.dataset import Video, read_dataset
+from decomo_eval.errors import PredictionError
+from decomo_eval.layouts import Convention
+from decomo_eval.predictions import from_npz
+from decomo_eval.tapvid import Queries, pixels_to_raster, sample_queries
+
+SIZES = [(32, 20), (256, 256)]  # of the dataset's stored frames, and TAP-Vid's
+
+
+@pytest.fixture
+def left(dataset: Path) -> tuple[Video, Queries]:
+    video = read_dataset(dataset)["left"]
+    return video, sample_queries(video, "strided")
+
+
+def arrays(layout: str, queries: Queries, convention: Convention, size: tuple[int, int]) -> dict[str, Any]:
+    """Perfect answers but for their occlusion, which is wrong everywhere; float32 as the trackers'."""
+    tracks = convention.from_raster(queries.tracks, size).astype(np.float32)
+    xy = convention.from_raster(queries.points[:, :0:-1], size)
+    visible = queries.occluded
+    txy = np.column_stack([queries.points[:, 0], xy]).astype(np.float32)
+    tyx = txy[:, [0, 2, 1]]
+    logits = np.where(visible, 3.0, -3.0)
+    return {
+        "cotracker": {
+            "queries": txy[None],
+            "pred_tracks": tracks.swapaxes(0, 1)[None],
+            "pred_visibility": visible.T[None],
+        },
+        "tapir": {"query_points": tyx, "tracks": tracks, "visibles": visible},
+        "tapir logits": {
+            "query_points": tyx[None],
+            "tracks": tracks[None],
+            "occlusion": -logits[None],
+            "expected_dist": np.full_like(logits, -5.0)[None],
+        },
+        "tapvid": {"query_points": tyx[None], "pred_tracks": tracks[None], "pred_occluded": ~visible[None]},
+        "pips": {"trajs_e": tracks.swapaxes(0, 1)[None], "vis_e": logits.T[None]},
+        "pips probabilities": {"trajs_e": tracks.swapaxes(0, 1), "vis_e": visible.T * 0.8, "queries": txy},
+    }[layout]
+
+
+LAYOUTS = ["cotracker", "tapir", "tapir logits", "tapvid", "pips", "pips probabilities"]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("convention", Convention)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_and_convention_comes_back_to_the_raster(
+    layout: str, convention: Convention, size: tuple[int, int], left: tuple[Video, Queries], tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "left.npz", **arrays(layout, left[1], convention, size))
+    prediction = from_npz(tmp_path / "left.npz", *left)
+    np.testing.assert_allclose(prediction.tracks, left[1].tracks, atol=1e-3)  # float32; a small frame is magnified
+    np.testing.assert_array_equal(prediction.occluded, ~left[1].occluded, strict=True)
+    assert prediction.size == size
+
+
+def test_centres_are_the_convention_of_the_whole_package() -> None:
+    xy = np.array([[3.25, 7.5]])
+    np.testing.assert_array_equal(Convention.CENTRES.to_raster(xy, (32, 20)), pixels_to_raster(xy, 32, 20))
+    for convention in Convention:
+        there = convention.to_raster(xy, (32, 20))
+        np.testing.assert_allclose(convention.from_raster(there, (32, 20)), xy, rtol=1e-14)
+
+
+def test_uncertain_tapir_points_are_hidden(left: tuple[Video, Queries], tmp_path: Path) -> None:
+    content = arrays("tapir logits", left[1], Convention.EDGES, (256, 256))
+    content["expected_dist"] = np.full_like(content["expected_dist"], 5.0)
+    np.savez(tmp_path / "left.npz", **content)
+    assert from_npz(tmp_path / "left.npz", *left).occluded.all()
+
+
+@pytest.mark.parametrize(
+    ("layout", "change", "words"),
+    [
+        ("cotracker", {"queries": None}, "lacks the key queries of its layout"),
+        ("cotracker", {"pred_tracks": np.zeros((2, 11, 9, 2))}, r"has pred_tracks \[2, 11, 9, 2\]"),
+        ("cotracker", {"pred_visibility": np.full((11, 9), np.nan)}, "finite numbers as pred_visibility"),
+        ("cotracker", {"width": 500, "height": 500}, "has query 0 at"),
+        ("tapir", {"visibles": None}, "lacks the key occluded"),
+        ("tapir", {"tracks": np.zeros((3, 11, 2))}, "query, frame"),
+        ("pips", {"trajs_e": np.zeros((8, 1, 2)), "vis_e": np.zeros((8, 1))}, "for 8 frames and 1 points"),
+    ],
+)
+def test_what_does_not_fit_is_named(
+    layout: str, change: dict[str, Any], words: str, left: tuple[Video, Queries], tmp_path: Path
+) -> None:
+    content = {**arrays(layout, left[1], Convention.EDGES, (256, 256)), **change}
+    np.savez(tmp_path / "left.npz", **{key: value for key, value in content.items() if value is not None})
+    with pytest.raises(PredictionError, match=words):
+        from_npz(tmp_path / "left.npz", *left)

@@ -1,0 +1,182 @@
+"""The report's folder: one page that needs nothing beside it, and the same numbers in other forms."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import pickle
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+from decomo_eval.cli import main
+from decomo_eval.dataset import read_dataset
+from decomo_eval.measure import score
+from decomo_eval.predictions import Prediction
+from decomo_eval.report.charts import MOST_BARS, threshold_curves, video_bars
+from decomo_eval.report.clips import CLIPS, FALSE, FOUND, LOST, WorstClips, draw
+from decomo_eval.report.published import published
+from decomo_eval.report.tables import latex_row
+from decomo_eval.scoring import Scored, evaluate
+from decomo_eval.tapvid import Queries, sample_queries
+
+WritePredictions = Callable[..., Path]
+
+
+VOID = ("meta", "img", "br", "rect", "line", "circle", "polyline")
+"""Elements without an end."""
+
+
+class Page(HTMLParser):
+    """Checks that tags are closed in order, and collects what the page would load."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loaded: list[str] = []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.loaded += [
+            value or "" for key, value in attrs if key in ("src", "xlink:href") or (tag, key) == ("link", "href")
+        ]
+        assert tag != "script"
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.fixture
+def folder(dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions, tmp_path: Path) -> Path:
+    """Of a dataset with a name that is not HTML, a video that is missing, and one without a visible point to count."""
+    entries = {"<b>left": dataset_content["left"], "right": dataset_content["right"], "absent": dataset_content["left"]}
+    entries["right"]["occluded"][:, 1:] = True
+    dataset.write_bytes(pickle.dumps(entries))
+    answers = write_predictions("<b>left", "right")
+    command = ["tapvid", str(dataset), "--predictions", str(answers), "--report", str(tmp_path / "report")]
+    assert main(command) == 0
+    return tmp_path / "report"
+
+
+def test_the_page_stands_alone_and_says_what_was_left_out(folder: Path) -> None:
+    text = (folder / "index.html").read_text()
+    page = Page(text)
+    assert all(source.startswith("data:image/jpeg;base64,") for source in page.loaded)
+    assert len(page.loaded) == 1  # of two videos one has no Jaccard
+    assert "&lt;b&gt;left" in text
+    assert "<b>left" not in text
+    plain = re.sub(r"\s+", " ", text)
+    assert "Not scored, no file (1):</b> absent" in plain
+    assert "no point to count (1):</b> right" in plain
+    measured, apart = text.split("Published figures, not measured here")
+    assert "OmniMotion" in apart
+    assert "OmniMotion" not in measured
+    assert sorted(file.name for file in folder.iterdir()) == [
+        *("index.html", "row.tex", "scores.json", "tracks.csv", "videos.csv")
+    ]
+
+
+def test_csv_and_json_hold_the_same_numbers(folder: Path, dataset: Path) -> None:
+    scores = json.loads((folder / "scores.json").read_text())
+    videos = {row.pop("video"): row for row in csv.DictReader((folder / "videos.csv").read_text().splitlines())}
+    assert list(videos) == ["<b>left", "right", "mean", "low", "high"]
+    for name, row in videos.items():
+        if name in scores["videos"]:
+            for metric, value in scores["videos"][name].items():
+                assert row[metric] == ("" if value is None else f"{value:.6g}")
+    tracks = list(csv.DictReader((folder / "tracks.csv").read_text().splitlines()))
+    video = read_dataset(dataset)["<b>left"]
+    queries = sample_queries(video, "strided")
+    left = [row for row in tracks if row["video"] == "<b>left"]
+    assert len(left) == len(queries.points)
+    np.testing.assert_allclose([float(row["y"]) for row in left], queries.points[:, 1], atol=1e-3)
+    assert {row["average_jaccard"] for row in left} == {"1"}
+
+
+def test_a_failed_evaluation_leaves_the_former_report(folder: Path, dataset: Path, tmp_path: Path) -> None:
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    np.savez(tmp_path / "predictions" / "right.npz", queries=np.zeros((1, 3)))
+    command = ["tapvid", str(dataset), "--predictions", str(tmp_path / "predictions"), "--report", str(folder)]
+    assert main(command) == 2
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_the_latex_row(dataset: Path, write_predictions: WritePredictions) -> None:
+    folder = write_predictions("left", "right")
+    other = folder.rename(folder.parent / "my_tracker&co")
+    comment, row = latex_row(evaluate(dataset, predictions=other)).splitlines()
+    assert row == r"my\_tracker\&co & 100.0 & 100.0 & 100.0 & 0.00 \\"
+    assert comment.startswith("% strided, 2 videos: Method & AJ")
+
+
+def test_charts_are_xml_and_leave_out_what_is_undefined() -> None:
+    bars = video_bars({"<a>": 0.5, "b": math.nan, "c": 0.25}, 0.375, "by & by")
+    tree = ElementTree.fromstring(bars)
+    assert [rect.get("width") for rect in tree.findall("rect")] == ["105.0", "210.0"]  # least first, of 420
+    assert "mean 37.5" in bars
+    many = ElementTree.fromstring(video_bars({str(n): n / 100 for n in range(99)}, math.nan, "many"))
+    assert len(many.findall("rect")) == MOST_BARS
+    metrics = {
+        f"{kind}_{x}": (math.nan if kind == "jaccard" else 0.5)
+        for kind in ("pts_within", "jaccard")
+        for x in (1, 2, 4, 8, 16)
+    }
+    assert len(ElementTree.fromstring(threshold_curves(metrics, "curves")).findall("polyline")) == 1
+
+
+def scored(dataset: Path, name: str, shift: float) -> Scored:
+    video = read_dataset(dataset)[name]
+    queries = sample_queries(video, "strided")
+    prediction = Prediction(queries.tracks + shift, queries.occluded, (32, 20))
+    return Scored(video, queries, prediction, score(queries, prediction, "strided"))
+
+
+def test_the_worst_clips_are_kept_in_order(dataset: Path) -> None:
+    worst = WorstClips()
+    for shift in (0, 8, 1, 3, 0.5):
+        worst.see(scored(dataset, "left", shift))
+    values = [clip.average_jaccard for clip in worst.clips]
+    assert len(values) == CLIPS
+    assert values == sorted(values)
+    assert values[0] == 0.2  # sqrt(128) is within 16 only
+    picture = cv2.imdecode(np.frombuffer(worst.clips[0].jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (200, 4 * 320 + 3 * 4, 3)
+
+
+def test_points_are_drawn_in_the_colour_of_their_error(dataset: Path) -> None:
+    """One point on a black video, in the last of whose frames it is looked at."""
+    video = read_dataset(dataset)["left"]
+    video.frames()[:] = 0
+    tracks = np.full((1, 11, 2), 100.0)
+    for shift, hidden, seen, colour in ((0, False, True, FOUND), (60, False, True, LOST), (0, True, True, FALSE)):
+        occluded = np.zeros((1, 11), bool)
+        occluded[0, 10] = hidden
+        queries = Queries(np.array([[0, 100.0, 100.0]]), tracks, occluded)
+        prediction = Prediction(tracks + shift, np.full((1, 11), not seen), (32, 20))
+        picture = draw(Scored(video, queries, prediction, {"average_jaccard": 0.0}))[:, -320:]
+        x, y = round((100 + shift) * 320 / 256), round((100 + shift) * 200 / 256)
+        np.testing.assert_allclose(picture[y, x], colour, atol=12)  # antialiased
+
+
+@pytest.mark.parametrize(("query_mode", "methods"), [("strided", 14), ("first", 11)])
+def test_published_figures_are_the_paper_s(query_mode: str, methods: int) -> None:
+    table = published(query_mode)
+    assert len(table.rows) == methods
+    assert table.url == "https://arxiv.org/abs/2407.06531"
+    ours = table.rows["DecoMotion (RAFT)"]
+    expected = {"strided": (0.602, 0.744, 0.872, 0.69), "first": (0.53, 0.699, 0.842, 0.69)}[query_mode]
+    assert tuple(ours.values()) == pytest.approx(expected)
+    assert math.isnan(table.rows["TAPIR"]["temporal_coherence"])
