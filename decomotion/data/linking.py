@@ -16,16 +16,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.matching import Matches
+if TYPE_CHECKING:  # it needs torch, which linking does not
+    from decomotion.data.matching import Matches
 
 Field = npt.NDArray[np.float32]
 FieldLookup = Callable[[int, int], Field]
-MatchLookup = Callable[[int, int], Matches]
+MatchLookup = Callable[[int, int], "Matches"]
 
 HOP_VARIANCE = 0.1**2
 """Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
