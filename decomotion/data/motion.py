@@ -26,7 +26,7 @@ def build_motion(
     given: npt.NDArray[np.bool_] | None,
     folder: Path,
 ) -> dict[str, Any]:
-    """Fills the stage's folder with moving, camera and object.
+    """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
 
     Args:
         clip: the clip.
@@ -38,28 +38,15 @@ def build_motion(
         given: the user's masks [frame, H, W], where `kind` is a folder.
         folder: of the stage.
     """
-    moving = _moving(clip, points, targets, confidence, grid, kind, given)
+    if kind in WITHOUT_MASKS:
+        moving = np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
+    else:
+        found = masks.auto_masks(clip.frames, points, targets, confidence, grid) if given is None else given
+        moving = moving_at(points, found)
     of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
     return {"moving": None if kind in WITHOUT_MASKS else float((moving == 1).mean())}
-
-
-def _moving(
-    clip: Clip,
-    points: npt.NDArray[np.float32],
-    targets: Positions,
-    confidence: npt.NDArray[np.uint8],
-    grid: tuple[int, int],
-    kind: str,
-    given: npt.NDArray[np.bool_] | None,
-) -> npt.NDArray[np.uint8]:
-    """[frame, point]: 1 on what moves, 0 on the scene; `UNKNOWN_MOTION` everywhere without masks."""
-    if kind in WITHOUT_MASKS:
-        return np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
-    if given is None:
-        given = masks.auto_masks(clip.frames, points, targets, confidence, grid)
-    return moving_at(points, given)
 
 
 def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
