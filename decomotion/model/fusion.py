@@ -71,14 +71,14 @@ class Prediction:
     """Of the static volume alone."""
     dynamic_weights: Float[Tensor, "pair point sample"]
     """Of the dynamic volume alone."""
-    static_depths: Float[Tensor, "pair point sample"]
-    """Pseudo-depth in the target frame of each static sample."""
-    dynamic_depths: Float[Tensor, "pair point sample"]
-    """Pseudo-depth in the target frame of each dynamic sample."""
-    acceleration: Float[Tensor, "pair smooth_point sample 3"]
-    """Second difference over neighbouring frames of each dynamic sample's local position, normalised units.
+    static_depths: Float[Tensor, "pair point carried"]
+    """Pseudo-depth in the target frame of each carried point of the static volume (`DecoMotion.to_carry`)."""
+    dynamic_depths: Float[Tensor, "pair point carried"]
+    """And of the dynamic volume."""
+    acceleration: Float[Tensor, "pair smooth_point carried 3"]
+    """Second difference over neighbouring frames of each carried dynamic point's local position, normalised units.
 
-    Where the static volume is alone, of its samples."""
+    Where the static volume is alone, of its points."""
 
 
 class DecoMotion(nn.Module):
@@ -161,28 +161,44 @@ class DecoMotion(nn.Module):
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
         )
         rays = self.cast(xy, here, generator=generator)
-        shape = rays.static_canonical.shape
-        u = self.static.from_canonical(rays.static_canonical.flatten(1, 2), there.static).reshape(shape)
-        v = self.dynamic.from_canonical(rays.dynamic_canonical.flatten(1, 2), there.dynamic).reshape(shape)
         alone_static = composite_weights(rays.static.density)
         alone_dynamic = composite_weights(rays.dynamic.density)
-        fused = composite(rays.fused_static, u) + composite(rays.fused_dynamic, v)
+        static, (of_static, fused_static) = self.to_carry(rays.static_canonical, alone_static, rays.fused_static)
+        dynamic, (of_dynamic, fused_dynamic) = self.to_carry(rays.dynamic_canonical, alone_dynamic, rays.fused_dynamic)
+        u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
+        v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
+        fused = composite(fused_static, u) + composite(fused_dynamic, v)
         return Prediction(
-            static_xy=self._project(composite(alone_static, u), alone_static.sum(-1)),
-            dynamic_xy=self._project(composite(alone_dynamic, v), alone_dynamic.sum(-1)),
+            static_xy=self._project(composite(of_static, u), alone_static.sum(-1)),
+            dynamic_xy=self._project(composite(of_dynamic, v), alone_dynamic.sum(-1)),
             fused_xy=self._project(fused, rays.opacity),
             static_rgb=composite(alone_static, rays.static.colour),
             dynamic_rgb=composite(alone_dynamic, rays.dynamic.colour),
             fused_rgb=rays.fused_colour(),
-            dynamic_feature=self._render_feature(alone_dynamic, rays.dynamic_canonical),
+            dynamic_feature=self._render_feature(of_dynamic, dynamic),
             static_confidence=rays.static_confidence,
             depths=rays.depths,
             static_weights=alone_static,
             dynamic_weights=alone_dynamic,
             static_depths=u[..., 2],
             dynamic_depths=v[..., 2],
-            acceleration=self._acceleration(rays, smooth_points, around),
+            acceleration=self._acceleration((static, dynamic), smooth_points, around),
         )
+
+    def to_carry(
+        self, canonical: Float[Tensor, "batch point sample 3"], *weights: Float[Tensor, "batch point sample"]
+    ) -> tuple[Float[Tensor, "batch point carried 3"], list[Float[Tensor, "batch point carried"]]]:
+        """The canonical points that stand for a volume's ray samples under each of `weights`, and their weights.
+
+        They are the samples themselves or, where the model is `deferred`, one point for each of `weights`: the
+        weighted mean of the samples, which takes their whole weight.
+        """
+        if not self.config.deferred:
+            return canonical, list(weights)
+        totals = torch.stack([of.sum(-1) for of in weights], dim=-1)
+        sums = torch.stack([composite(of, canonical) for of in weights], dim=-2)
+        own = torch.diag_embed(totals)
+        return sums / totals[..., None].clamp_min(1e-3), list(own.unbind(-2))
 
     def _project(self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
         xy = local[..., :2]
@@ -191,7 +207,7 @@ class DecoMotion(nn.Module):
         return self.plane.to_pixels(xy)
 
     def _render_feature(
-        self, weights: Float[Tensor, "*batch sample"], canonical: Float[Tensor, "*batch sample 3"]
+        self, weights: Float[Tensor, "*batch carried"], canonical: Float[Tensor, "*batch carried 3"]
     ) -> Float[Tensor, "*batch feature"]:
         """Paper, Eq. 3. The head is linear, so it is applied after compositing: the same sum, a sample's cost."""
         if self.feature_field is None or self.feature_head is None:
@@ -203,15 +219,19 @@ class DecoMotion(nn.Module):
         )
 
     def _acceleration(
-        self, rays: Rays, smooth_points: int | None, around: list[PairConditioning]
-    ) -> Float[Tensor, "pair smooth_point sample 3"]:
-        """x_{i-1} + x_{i+1} - 2 x_i of the samples of the volume in which objects move: the dynamic one, if there is.
+        self,
+        carried: tuple[Float[Tensor, "pair point carried 3"], Float[Tensor, "pair point carried 3"]],
+        smooth_points: int | None,
+        around: list[PairConditioning],
+    ) -> Float[Tensor, "pair smooth_point carried 3"]:
+        """x_{i-1} + x_{i+1} - 2 x_i of what is carried of the volume in which objects move: the dynamic one,
+        if there is.
 
         At the clip's ends it is taken about the nearest inner frame.
         """
         alone = self.config.volumes == "static"
         volume = self.static if alone else self.dynamic
-        canonical = (rays.static_canonical if alone else rays.dynamic_canonical)[:, :smooth_points]
+        canonical = carried[0 if alone else 1][:, :smooth_points]
         if self.num_frames < 3:
             return torch.zeros_like(canonical)
         flat = canonical.flatten(1, 2)

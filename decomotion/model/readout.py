@@ -18,10 +18,12 @@ from decomotion.model.fusion import DecoMotion, PairConditioning, Rays
 
 @dataclass(frozen=True)
 class Surface:
-    """The visible surface at some pixels."""
+    """The visible surface at some pixels: the points that stand for it, which are averaged where they are carried."""
 
-    canonical: Float[Tensor, "batch point 3"]
+    canonical: Float[Tensor, "batch point carried 3"]
     """In the canonical space of the volume that owns the pixel."""
+    weights: Float[Tensor, "batch point carried"]
+    """They sum to 1 over a pixel's points."""
     is_static: Tensor
     """[batch, point] bool: which volume that is."""
 
@@ -36,17 +38,17 @@ class Answer:
     """Score in [0, 1]; 0.5 where the cycle error is the configured scale."""
 
 
-def surface_of(rays: Rays) -> Surface:
+def surface_of(model: DecoMotion, rays: Rays) -> Surface:
     """The surface that each ray meets.
 
     The volume with the larger share of the fused weight owns the pixel; its samples are averaged by weight. Averaging
     over both volumes, as in training, would put points of an object's outline between the object and the scene.
     """
-    static, dynamic = rays.fused_static.sum(-1, keepdim=True), rays.fused_dynamic.sum(-1, keepdim=True)
-    u = composite(rays.fused_static, rays.static_canonical) / static.clamp_min(1e-6)
-    v = composite(rays.fused_dynamic, rays.dynamic_canonical) / dynamic.clamp_min(1e-6)
-    is_static = static >= dynamic
-    return Surface(torch.where(is_static, u, v), is_static[..., 0])
+    is_static = rays.fused_static.sum(-1) >= rays.fused_dynamic.sum(-1)
+    owner = is_static[..., None]
+    canonical = torch.where(owner[..., None], rays.static_canonical, rays.dynamic_canonical)
+    canonical, (weights,) = model.to_carry(canonical, torch.where(owner, rays.fused_static, rays.fused_dynamic))
+    return Surface(canonical, weights / weights.sum(-1, keepdim=True).clamp_min(1e-6), is_static)
 
 
 def carry(
@@ -56,9 +58,12 @@ def carry(
     frame: Int[Tensor, " batch"] | None = None,
 ) -> Float[Tensor, "batch point 2"]:
     """Pixels at which surface points lie in the frames of `conditioning` (row by row, or row `frame`)."""
-    u = model.static.from_canonical(surface.canonical, conditioning.static, frame)
-    v = model.dynamic.from_canonical(surface.canonical, conditioning.dynamic, frame)
-    return model.plane.to_pixels(torch.where(surface.is_static[..., None], u, v)[..., :2])
+    shape = surface.canonical.shape
+    points = surface.canonical.flatten(1, 2)
+    u = model.static.from_canonical(points, conditioning.static, frame).reshape(shape)
+    v = model.dynamic.from_canonical(points, conditioning.dynamic, frame).reshape(shape)
+    owned = torch.where(surface.is_static[..., None, None], u, v)
+    return model.plane.to_pixels(composite(surface.weights, owned)[..., :2])
 
 
 def answer(
@@ -82,11 +87,12 @@ def answer(
         query_frame: the frame of each query.
         frames: the target frames.
     """
-    surface = surface_of(rays)
+    surface = surface_of(model, rays)
     targets = PairConditioning(conditioning.static.take(frames), conditioning.dynamic.take(frames))
     shape = (frames.shape[0], query_xy.shape[0])  # not len(): it would fix the size that the exporter traces
     repeated = Surface(
-        surface.canonical[:, 0].expand(*shape, 3),
+        surface.canonical[:, 0].expand(*shape, *surface.canonical.shape[2:]),
+        surface.weights[:, 0].expand(*shape, *surface.weights.shape[2:]),
         surface.is_static[:, 0].expand(shape),
     )
     there = carry(model, repeated, targets)
@@ -95,8 +101,8 @@ def answer(
     last = there.new_tensor([plane.width - 1.0, plane.height - 1.0])
     inside = torch.minimum(there.clamp_min(0.0), last)
     gone = ((there < -0.5) | (there > last + 0.5)).any(-1)
-    seen = surface_of(model.cast(inside, targets))
-    swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
+    seen = surface_of(model, model.cast(inside, targets))
+    swapped = Surface(seen.canonical.transpose(0, 1), seen.weights.transpose(0, 1), seen.is_static.transpose(0, 1))
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
     error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
     occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))

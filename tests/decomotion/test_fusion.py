@@ -34,6 +34,12 @@ def with_confidence(model: DecoMotion, logit: float) -> DecoMotion:
     return model
 
 
+def carrying(model: DecoMotion, deferred: bool) -> DecoMotion:
+    """The model, told what of its rays it carries to other frames."""
+    model.config = model.config.model_copy(update={"deferred": deferred})
+    return model
+
+
 @both_presets
 @pytest.mark.parametrize("frames", [2, 3, 5])
 @pytest.mark.parametrize("features", [0, 3])
@@ -44,7 +50,8 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
     prediction = model.predict(random_pixels(3, 7), frame, target, generator(), smooth_points=2)
     assert prediction.fused_xy.shape == (3, 7, 2)
     assert prediction.dynamic_feature.shape == (3, 7, features)
-    assert prediction.acceleration.shape == (3, 2, model.config.samples, 3)
+    carried = 2 if model.config.deferred else model.config.samples  # one for the volume alone, one for it fused
+    assert prediction.acceleration.shape == (3, 2, carried, 3)
     assert bool(prediction.acceleration.any()) == (frames > 2)
     for value in vars(prediction).values():
         assert value.isfinite().all()
@@ -71,7 +78,7 @@ def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
 @both_presets
 def test_to_its_own_frame_a_point_stays(preset: str):
     """Where weights are normalised; without that (Eq. 2 as written) a ray's missing weight pulls to the middle."""
-    model = randomised(tiny_model(preset), 0.05)
+    model = carrying(randomised(tiny_model(preset), 0.05), deferred=False)
     xy, frame = random_pixels(2, 6), torch.tensor([0, 3])
     prediction = model.predict(xy, frame, frame, generator())
     opacity = prediction.static_weights.sum(-1, keepdim=True)
@@ -79,6 +86,26 @@ def test_to_its_own_frame_a_point_stays(preset: str):
     expected = xy if model.config.normalise_weights else shrunk
     # float32, through three maps and back
     torch.testing.assert_close(prediction.static_xy, expected, rtol=0, atol=1e-3)
+
+
+def test_deferred_is_exact_where_the_map_is_affine():
+    """The mean of mapped samples is the map of their mean; the couplings start as the identity."""
+    model = tiny_model("cpu", feature_size=0)
+    arguments = random_pixels(3, 7), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 4])
+    found = {kind: carrying(model, kind).predict(*arguments, generator()) for kind in (False, True)}
+    for name in ("static_xy", "dynamic_xy", "fused_xy"):
+        torch.testing.assert_close(getattr(found[True], name), getattr(found[False], name), rtol=0, atol=1e-3, msg=name)
+
+
+def test_deferred_is_exact_where_one_sample_has_all_the_weight():
+    model = carrying(randomised(tiny_model("cpu"), 0.05), deferred=True)
+    canonical = torch.randn(2, 6, 4, 3, generator=generator())
+    alone, fused = torch.zeros(2, 6, 4), torch.zeros(2, 6, 4)
+    alone[..., 1], fused[..., 3] = 0.9, 0.2
+    points, (of_alone, of_fused) = model.to_carry(canonical, alone, fused)
+    torch.testing.assert_close(points, canonical[:, :, [1, 3]])
+    torch.testing.assert_close(composite(of_alone, points), 0.9 * canonical[:, :, 1])
+    torch.testing.assert_close(composite(of_fused, points), 0.2 * canonical[:, :, 3])
 
 
 @both_presets
