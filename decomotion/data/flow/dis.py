@@ -42,6 +42,7 @@ class DisFlow:
             dis.setPatchStride(self._config.patch_stride)
             dis.setGradientDescentIterations(self._config.descent_iterations)
             dis.setVariationalRefinementIterations(self._config.refinement_iterations)
+            dis.setVariationalRefinementGamma(self._config.gradient_weight)
             self._of_thread.dis = dis
         return self._of_thread.dis
 
