@@ -74,7 +74,7 @@ class DisFlowConfig(FlowConfig):
     """Gradient descent iterations per patch."""
     refinement_iterations: int = Field(ge=0)
     """Variational refinement iterations."""
-    gradient_weight: float = Field(ge=0)
+    gradient_weight: float = Field(10.0, ge=0)
     """Weight of constant image gradients in the refinement, whose weight of constant brightness is 5 (OpenCV's: 10)."""
 
 

@@ -126,4 +126,5 @@ def predict(
         predict_pair(model, xy[row], int(frame[row]), int(target_frame[row]), depths[row], smooth_points)
         for row in range(len(frame))
     ]
-    return Prediction(**{name: torch.stack([pair[name] for pair in pairs]) for name in pairs[0]})
+    found = {name: torch.stack([pair[name] for pair in pairs]) for name in pairs[0]}
+    return Prediction(**found, slopes=torch.zeros(0))

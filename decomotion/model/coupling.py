@@ -59,6 +59,12 @@ class CouplingLayer(nn.Module):
         """Per-frame conditioning of this layer."""
         return self.conditioner.condition(code)
 
+    def slopes(self, conditioning: Float[Tensor, "frame ..."]) -> Float[Tensor, " slope"]:
+        """How steeply the layer's log-scale and shift change across the plane; none where they are not grids."""
+        if isinstance(self.conditioner, GridConditioner):
+            return self.conditioner.slopes(conditioning)
+        return conditioning.new_zeros(0)
+
     def to_canonical(
         self,
         points: Float[Tensor, "batch point 3"],
@@ -175,6 +181,14 @@ class GridConditioner(nn.Module):
                 level = F.interpolate(level, size=finest, mode="bilinear", align_corners=True)
             grids = grids + level
         return grids
+
+    def slopes(self, conditioning: Float[Tensor, "frame 2 height width"]) -> Float[Tensor, " slope"]:
+        """Differences between neighbouring cells of the frames' grids, per unit of length."""
+        height, width = conditioning.shape[-2:]
+        per_unit = conditioning.new_tensor([width - 1, height - 1]) / (2 * self.reach)
+        across = conditioning.diff(dim=-1) * per_unit[0]
+        down = conditioning.diff(dim=-2) * per_unit[1]
+        return torch.cat([across.flatten(), down.flatten()])
 
     def forward(
         self,

@@ -72,13 +72,15 @@ class Prediction:
     dynamic_weights: Float[Tensor, "pair point sample"]
     """Of the dynamic volume alone."""
     static_depths: Float[Tensor, "pair point carried"]
-    """Pseudo-depth in the target frame of each carried point of the static volume (`DecoMotion.to_carry`)."""
+    """Pseudo-depth in the target frame of what is carried of the static volume alone (`DecoMotion.to_carry`)."""
     dynamic_depths: Float[Tensor, "pair point carried"]
     """And of the dynamic volume."""
     acceleration: Float[Tensor, "pair smooth_point carried 3"]
     """Second difference over neighbouring frames of each carried dynamic point's local position, normalised units.
 
     Where the static volume is alone, of its points."""
+    slopes: Float[Tensor, " slope"]
+    """How steep the transforms are where they are grids (`GridConditioner.slopes`)."""
 
 
 class DecoMotion(nn.Module):
@@ -168,6 +170,8 @@ class DecoMotion(nn.Module):
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
         fused = composite(fused_static, u) + composite(fused_dynamic, v)
+        # a deferred point of the fusion means nothing where its volume has no part in it
+        alone = 1 if self.config.deferred else None
         return Prediction(
             static_xy=self._project(composite(of_static, u), alone_static.sum(-1)),
             dynamic_xy=self._project(composite(of_dynamic, v), alone_dynamic.sum(-1)),
@@ -180,9 +184,10 @@ class DecoMotion(nn.Module):
             depths=rays.depths,
             static_weights=alone_static,
             dynamic_weights=alone_dynamic,
-            static_depths=u[..., 2],
-            dynamic_depths=v[..., 2],
-            acceleration=self._acceleration((static, dynamic), smooth_points, around),
+            static_depths=u[..., :alone, 2],
+            dynamic_depths=v[..., :alone, 2],
+            acceleration=self._acceleration((static[..., :alone, :], dynamic[..., :alone, :]), smooth_points, around),
+            slopes=torch.cat([self.static.slopes(conditioning.static), self.dynamic.slopes(conditioning.dynamic)]),
         )
 
     def to_carry(

@@ -32,7 +32,10 @@ def test_omnimotion_is_cpu_but_for_the_decomposition():
     assert single.data == fused.data.model_copy(update={"masks": "none", "features": "none"})
     assert {name: weight for name, weight in single.loss.items() if weight} == {
         name: fused.loss[name]
-        for name in ("flow_fused", "flow_robust", "photometric_fused", "scene_flow", "distortion", "depth_range")
+        for name in (
+            *("flow_fused", "flow_robust", "photometric_fused"),
+            *("scene_flow", "distortion", "depth_range", "steepness"),
+        )
     }
     assert single.model.volumes == "dynamic"
     unchanged = {"volumes": "fused", "dynamic": fused.model.dynamic}

@@ -204,3 +204,24 @@ def test_grids_are_read_bilinearly_and_constant_beyond():
 )
 def test_grid_size(half: tuple[float, float], cells: int, height_width: tuple[int, int]):
     assert grid_size(torch.tensor(half), cells) == height_width
+
+
+def test_slopes_are_those_of_the_look_up():
+    """A shift of 3 x - 2 y, a log-scale of 0.5 y."""
+    layer = CouplingLayer(ALONG_DEPTH, GRID, CODE, EXTENT)
+    assert isinstance(layer.conditioner, GridConditioner)
+    height, width = layer.conditioner.basis[-1].shape[-2:]
+    half_x, half_y = layer.conditioner.reach.tolist()
+    y, x = torch.meshgrid(
+        torch.linspace(-half_y, half_y, height), torch.linspace(-half_x, half_x, width), indexing="ij"
+    )
+    found = layer.slopes(torch.stack([0.5 * y, 3 * x - 2 * y])[None])
+    across, down = found.split([2 * height * (width - 1), 2 * (height - 1) * width])
+    torch.testing.assert_close(across.reshape(2, -1).mean(1), torch.tensor([0.0, 3.0]))
+    torch.testing.assert_close(down.reshape(2, -1).mean(1), torch.tensor([0.5, -2.0]))
+    torch.testing.assert_close(found.abs().max(), torch.tensor(3.0))
+
+
+def test_only_grids_have_slopes():
+    layer = make_layer(ALONG_DEPTH, MLP)
+    assert layer.slopes(layer.condition(random(FRAMES, CODE))).shape == (0,)

@@ -50,7 +50,7 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
     prediction = model.predict(random_pixels(3, 7), frame, target, generator(), smooth_points=2)
     assert prediction.fused_xy.shape == (3, 7, 2)
     assert prediction.dynamic_feature.shape == (3, 7, features)
-    carried = 2 if model.config.deferred else model.config.samples  # one for the volume alone, one for it fused
+    carried = 1 if model.config.deferred else model.config.samples
     assert prediction.acceleration.shape == (3, 2, carried, 3)
     assert bool(prediction.acceleration.any()) == (frames > 2)
     for value in vars(prediction).values():
