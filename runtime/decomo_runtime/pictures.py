@@ -9,7 +9,7 @@ The suffix of a video chooses its form:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import chain
@@ -113,8 +113,10 @@ def evened(frame: Image) -> Image:
     return cv2.copyMakeBorder(frame, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE).astype(np.uint8, copy=False)
 
 
-def over_chequers(image: Image, cell: int = 8) -> Image:
-    """RGBA [H, W, 4] laid over grey chequers of `cell` pixels: RGB [H, W, 3]."""
+def flattened(image: Image, cell: int = 8) -> Image:
+    """RGBA [H, W, 4] laid over grey chequers of `cell` pixels: RGB [H, W, 3]. RGB is returned as it is."""
+    if image.shape[2] == 3:
+        return image
     row, column = np.indices(image.shape[:2]) // cell
     ground = np.where((row + column) % 2, 204, 153)[..., None].astype(np.float32)
     alpha = image[..., 3:].astype(np.float32) / 255

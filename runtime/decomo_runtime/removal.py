@@ -2,7 +2,8 @@
 
 A pixel that an object hides is followed along the motion of the static scene (`scene_motion.py`) to the frames, nearest
 in time first, where no object covers it; the median of the colours found there replaces it. Before that each frame is
-brought to the exposure of the one being made. What no frame shows is the model's own rendering of the static scene.
+brought to the exposure of the one being made. What no frame shows is continued smoothly from around the hole, once, and
+carried on to the frames made after it. (The static volume does not know it either: what it renders there is black.)
 """
 
 from __future__ import annotations
@@ -14,15 +15,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.rendering import look, pixel_queries, raster_size
-from decomo_runtime.scene_motion import SceneMotion, follow_scene
+from decomo_runtime.rendering import look, raster_size
+from decomo_runtime.scene_motion import SceneMotion, follow_scene, interpolate
 
 if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
 
 Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 MASK_SIDE = 256
 """Most pixels of the longer side of the raster on which masks are rendered."""
@@ -42,18 +42,19 @@ def remove_objects(tracker: Tracker, frames: Image, wanted: Iterable[int]) -> It
     Raises `RenderError` where the model holds nothing to be static.
     """
     motion, objects = follow_scene(tracker), Objects(tracker)
+    last: tuple[int, Image] | None = None
     for frame in wanted:
-        share = objects.share(frame)
-        hidden = share > 0
-        colour = propagate(frames, frame, motion, objects)[hidden]
-        unknown = np.isnan(colour).any(axis=1)
-        if unknown.any():
-            rays = pixel_queries(frame, raster_size(tracker.facts), tracker.facts)[hidden.ravel()][unknown]
-            colour[unknown] = 255 * tracker.sample(rays).rgb_static
-        made = frames[frame].astype(np.float32)
-        part = share[hidden][:, None]
-        made[hidden] = part * colour + (1 - part) * made[hidden]
-        yield np.rint(made).clip(0, 255).astype(np.uint8)
+        share = objects.share(frame)[..., None]
+        scene = np.where(share > 0, propagate(frames, frame, motion, objects), frames[frame])
+        if last is not None and motion.knows(frame, last[0]):
+            there = motion.field(frame, last[0])
+            guessed = cv2.remap(last[1].astype(np.float32), there, None, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
+            scene = np.where(np.isnan(scene), guessed, scene)
+        known = np.isfinite(scene).all(axis=2).astype(np.float32)
+        scene = interpolate(np.nan_to_num(scene).astype(np.float32), known)
+        made = np.rint(share * scene + (1 - share) * frames[frame]).clip(0, 255).astype(np.uint8)
+        last = frame, made
+        yield made
 
 
 class Objects:

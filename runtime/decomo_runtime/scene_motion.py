@@ -84,7 +84,9 @@ class SceneMotion:
             cv2.remap(remainder, block, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
             for block in np.array_split(cells[:, None], len(cells) // 30_000 + 1)
         ]
-        return cv2.perspectiveTransform(places[None], homography)[0] + np.concatenate(blocks)
+        moved = cv2.perspectiveTransform(places[None], homography)[0] + np.concatenate(blocks)
+        moved[~np.isfinite(places).all(axis=1)] = np.nan  # OpenCV takes them to 0
+        return moved
 
     def _fit(self, frame: int, other: int) -> tuple[npt.NDArray[np.float64], Floats] | None:
         """The homography from `frame` to `other`, and the remainder [rows, columns, 2] on the raster of cells."""

@@ -122,9 +122,9 @@ class Tracker:
         return Appearance(*colours, *scalars)
 
     def render(self, frame: int, layer: str = "fused", *, long_side: int | None = None) -> npt.NDArray[np.uint8]:
-        """A picture of `frame` as the model has it, uint8 RGB [H, W, 3], of the clip's size unless `long_side` is given.
+        """A picture of `frame` as the model has it, uint8 [H, W, 3] RGB; of the clip's size, or with that longer side.
 
-        `layer` is one of `fused`, `static`, `dynamic` (RGBA [H, W, 4]), `mask` and `depth`: see `rendering.py`.
+        `layer` is one of `fused`, `static`, `dynamic` ([H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
         """
         return render(self, frame, [layer], long_side=long_side)[0]
 
