@@ -61,7 +61,7 @@ def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path
 
 
 @pytest.mark.parametrize(("suffix", "decoder"), [(".webm", "libvpx-vp9"), (".mov", "prores")])
-def test_objects_as_a_video_with_alpha(model_path: Path, tracker: Tracker, tmp_path: Path, suffix: str, decoder: str):
+def test_objects_as_a_video_with_alpha(model_path: Path, tmp_path: Path, suffix: str, decoder: str):
     """Decoded by the library's own decoder: FFmpeg's own of VP9 leaves alpha out."""
     out = tmp_path / f"objects{suffix}"
     assert run(model_path, "--layer", "dynamic", "--out", out) == 0
@@ -72,10 +72,6 @@ def test_objects_as_a_video_with_alpha(model_path: Path, tracker: Tracker, tmp_p
         context.codec_tag = stream.codec_context.codec_tag
         frames = [frame for packet in container.demux(stream) for frame in context.decode(packet)]
     assert len(frames) == NUM_FRAMES
-    assert (
-        frames[0].format.name == {".webm": "yuva420p", ".mov": "yuva444p12le"}.get(suffix)
-        or "yuva" in frames[0].format.name
-    )
     for number, frame in enumerate(frames):
         alpha = frame.to_ndarray(format="rgba")[..., 3].astype(int)
         assert np.abs(alpha - 255 * (1 - number / NUM_FRAMES)).max() <= 3
