@@ -201,8 +201,8 @@ def _draw_marks(
             cv2.circle(layer, _fixed(places[point]), _fixed_length(pen.radius), ink, 1, cv2.LINE_AA, _SHIFT)
         elif mark == "cross":
             for arm in (np.array([1, 1]), np.array([1, -1])):
-                ends = (_fixed(places[point] + side * pen.radius * arm) for side in (-1, 1))
-                cv2.line(layer, *ends, ink, 1, cv2.LINE_AA, _SHIFT)
+                begin, end = (_fixed(places[point] + side * pen.radius * arm) for side in (-1, 1))
+                cv2.line(layer, begin, end, ink, 1, cv2.LINE_AA, _SHIFT)
     for point in np.flatnonzero(present & ~occluded):
         centre = _fixed(places[point])
         cv2.circle(layer, centre, _fixed_length(pen.radius + 1), rim, cv2.FILLED, cv2.LINE_AA, _SHIFT)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -62,6 +63,7 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
     The suffix of `path` chooses the form; .mp4 takes no alpha.
     """
     import av
+    from av.video.stream import VideoStream
 
     form = _FORMS[Path(path).suffix.lower()]
     frames = iter(frames)
@@ -74,7 +76,7 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
         av.open(str(temporary), "w", format=form.container, options=dict(form.container_options)) as container,
     ):
         rate = Fraction(fps).limit_denominator(1001)
-        stream = container.add_stream(form.codec, rate=rate, options=dict(form.options))
+        stream = cast("VideoStream", container.add_stream(form.codec, rate=rate, options=dict(form.options)))
         stream.width, stream.height, stream.pix_fmt = width, height, pixels
         context = stream.codec_context
         context.colorspace, context.color_range = _BT601_MATRIX, _MPEG_RANGE

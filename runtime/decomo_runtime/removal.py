@@ -8,8 +8,9 @@ carried on to the frames made after it. (The static volume does not know it eith
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -48,10 +49,9 @@ def remove_objects(tracker: Tracker, frames: Image, wanted: Iterable[int]) -> It
         scene = np.where(share > 0, propagate(frames, frame, motion, objects), frames[frame])
         if last is not None and motion.knows(frame, last[0]):
             there = motion.field(frame, last[0])
-            guessed = cv2.remap(last[1].astype(np.float32), there, None, cv2.INTER_LINEAR, borderValue=(np.nan,) * 3)
+            guessed = _sampled(last[1].astype(np.float32), there, cv2.INTER_LINEAR, outside=math.nan)
             scene = np.where(np.isnan(scene), guessed, scene)
-        known = np.isfinite(scene).all(axis=2).astype(np.float32)
-        scene = interpolate(np.nan_to_num(scene).astype(np.float32), known)
+        scene = interpolate(np.nan_to_num(scene), np.isfinite(scene).all(axis=2).astype(np.float32))
         made = np.rint(share * scene + (1 - share) * frames[frame]).clip(0, 255).astype(np.uint8)
         last = frame, made
         yield made
@@ -93,9 +93,9 @@ def propagate(frames: Image, frame: int, motion: SceneMotion, objects: Objects) 
         if not motion.knows(frame, other):
             continue
         there = motion.field(frame, other)
-        picture = cv2.remap(frames[other], there, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        picture = _sampled(frames[other], there, cv2.INTER_CUBIC, outside=0)
         covered = (objects.share(other) > 0).astype(np.float32)
-        in_sight = cv2.remap(covered, there, None, cv2.INTER_LINEAR, borderValue=1.0) == 0
+        in_sight = _sampled(covered, there, cv2.INTER_LINEAR, outside=1) == 0
         common = in_sight & ~hidden
         if common.sum() < _LEAST_COMMON:
             continue
@@ -108,3 +108,8 @@ def propagate(frames: Image, frame: int, motion: SceneMotion, objects: Objects) 
     places = np.argwhere(hidden)[shown]
     behind[places[:, 0], places[:, 1]] = np.nanmedian(colours[:, shown], axis=0)
     return behind
+
+
+def _sampled(image: npt.NDArray[Any], places: Floats, interpolation: int, outside: float) -> npt.NDArray[Any]:
+    """`image` [H, W] or [H, W, C] at `places` [H, W, 2]; beyond its borders it is `outside`."""
+    return cv2.remap(image, places[..., 0], places[..., 1], interpolation, borderValue=(outside,) * 4)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
-Floats = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.floating]
 
 KEY_FRAMES, KEY_FRAME_GAP = 4, 12
 """Frames in which points of the scene are picked: at least so many, and at least one in so many frames."""
@@ -57,7 +57,7 @@ class SceneMotion:
         """Whether enough points are seen in both frames to tell the motion between them."""
         return frame == other or self._fitted(frame, other) is not None
 
-    def carry(self, xy: npt.NDArray[np.floating], frame: int, other: int) -> npt.NDArray[np.float64]:
+    def carry(self, xy: npt.ArrayLike, frame: int, other: int) -> npt.NDArray[np.float64]:
         """Where places `xy` [..., 2] of `frame` lie in `other` if they move with the scene; nan if that is unknown.
 
         Pixels of the clip, inside or outside the image.
@@ -68,7 +68,7 @@ class SceneMotion:
             places = np.full_like(places, np.nan) if fitted is None else self._move(places, *fitted)
         return places.reshape(np.shape(xy))
 
-    def field(self, frame: int, other: int) -> Floats:
+    def field(self, frame: int, other: int) -> npt.NDArray[np.float32]:
         """[H, W, 2]: where each pixel of `frame` lies in `other`; as `carry`."""
         height, width = self._size
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
@@ -79,10 +79,10 @@ class SceneMotion:
     ) -> npt.NDArray[np.float64]:
         if len(places) == 0:
             return places
-        cells = np.nan_to_num((places + 0.5) / self._cell - 0.5).clip(-1, 4 * _CELLS).astype(np.float32)
+        x, y = np.nan_to_num((places + 0.5) / self._cell - 0.5).clip(-1, 4 * _CELLS).astype(np.float32).T
         blocks = [  # cv2.remap takes no more rows than a short counts
-            cv2.remap(remainder, block, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
-            for block in np.array_split(cells[:, None], len(cells) // 30_000 + 1)
+            cv2.remap(remainder, x[rows], y[rows], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
+            for rows in np.array_split(np.arange(len(places)), len(places) // 30_000 + 1)
         ]
         moved = cv2.perspectiveTransform(places[None], homography)[0] + np.concatenate(blocks)
         moved[~np.isfinite(places).all(axis=1)] = np.nan  # OpenCV takes them to 0
@@ -107,7 +107,7 @@ class SceneMotion:
         np.add.at(total, (cell[:, 1], cell[:, 0]), remainder[kept])
         np.add.at(count, (cell[:, 1], cell[:, 0]), 1)
         smooth = interpolate(total / np.maximum(count, 1)[..., None], np.minimum(count, 1))
-        return homography, cv2.GaussianBlur(smooth, (0, 0), 1).astype(np.float32)
+        return np.asarray(homography, np.float64), cv2.GaussianBlur(smooth, (0, 0), 1).astype(np.float32)
 
 
 def follow_scene(tracker: Tracker) -> SceneMotion:

@@ -151,7 +151,6 @@ def test_the_clip_without_its_objects(
         (["--clip", "slide"], "--remove-objects and --clip go together"),
         (["--remove-objects", "--clip", "slide", "--layer", "mask"], "leave out --layer and --size"),
         (["--remove-objects", "--clip", "slide", "--size", "9"], "leave out --layer and --size"),
-        (["--remove-objects", "--clip", "slide"], "holds nothing in slide to be static"),
         (["--remove-objects", "--clip", "no"], "no does not exist"),
         (["--mark", "cross"], "--mark and --trails say how an --overlay is drawn"),
         (["--trails", "camera"], "--mark and --trails say how an --overlay is drawn"),
@@ -185,6 +184,16 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
 def test_a_clip_that_is_not_the_models(model_path: Path, tiny_clip: Path, capsys: pytest.CaptureFixture[str]):
     assert run(model_path, "--remove-objects", "--clip", tiny_clip, "--out", model_path.parent / "new") == 2
     assert "the clip sliding has 8 frames of 32x32 but the model was fitted to slide" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("out", ["new", "new.mp4"])
+def test_a_model_without_a_static_scene(
+    model_path: Path, clip_path: Path, out: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 1.0)
+    assert run(model_path, "--remove-objects", "--clip", clip_path, "--out", model_path.parent / out) == 2
+    assert "holds nothing in slide to be static" in capsys.readouterr().err
+    assert sorted(path.name for path in model_path.parent.iterdir()) == ["model.onnx", "slide"]
 
 
 def test_the_video_does_not_replace_the_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
