@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 
-MASK_SIDE = 256
+MASK_SIDE = 128
 """Most pixels of the longer side of the raster on which masks are rendered."""
 COLOURS = 5
 """Frames whose colours a pixel takes the median of."""
