@@ -51,7 +51,8 @@ def remove_objects(tracker: Tracker, frames: Image, wanted: Iterable[int]) -> It
             there = motion.field(frame, last[0])
             guessed = _sampled(last[1].astype(np.float32), there, cv2.INTER_LINEAR, outside=math.nan)
             scene = np.where(np.isnan(scene), guessed, scene)
-        scene = interpolate(np.nan_to_num(scene), np.isfinite(scene).all(axis=2).astype(np.float32))
+        known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
+        scene = interpolate(np.nan_to_num(scene), known)
         made = np.rint(share * scene + (1 - share) * frames[frame]).clip(0, 255).astype(np.uint8)
         last = frame, made
         yield made

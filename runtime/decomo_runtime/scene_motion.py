@@ -81,7 +81,7 @@ class SceneMotion:
             return places
         x, y = np.nan_to_num((places + 0.5) / self._cell - 0.5).clip(-1, 4 * _CELLS).astype(np.float32).T
         blocks = [  # cv2.remap takes no more rows than a short counts
-            cv2.remap(remainder, x[rows], y[rows], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
+            cv2.remap(remainder, x[rows, None], y[rows, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0]
             for rows in np.array_split(np.arange(len(places)), len(places) // 30_000 + 1)
         ]
         moved = cv2.perspectiveTransform(places[None], homography)[0] + np.concatenate(blocks)

@@ -198,16 +198,18 @@ def test_a_true_track_is_drawn_once_and_only_where_it_is_known(dataset: Path) ->
     video = read_dataset(dataset)["left"]
     video.frames()[:] = 0
     tracks = np.full((2, 11, 2), 100.0)
+    tracks[:, :, 0] = 20 + 16 * np.arange(11)
     occluded = np.zeros((2, 11), bool)
     occluded[:, 10] = True
-    queries = Queries(np.array([[0, 100.0, 100.0], [5, 100.0, 100.0]]), tracks, occluded)
+    queries = Queries(np.array([[0, 100.0, 20.0], [5, 100.0, 100.0]]), tracks, occluded)
     said = Prediction(np.stack([tracks[0], tracks[1] + 80]), np.zeros((2, 11), bool), (32, 20))
     film = [frame.max(axis=2) > 100 for frame in side_by_side(Scored(video, queries, said, {}))]
-    row, column = round(100 * 320 / 256), round(100 * 512 / 256)
-    assert film[10][row, column]
-    assert not film[10][round(180 * 320 / 256), round(180 * 512 / 256)]  # the second query's answer
-    assert not film[10][row, 512 + column]
-    assert film[9][row, 512 + column]
+    rows, columns = (round(y * 320 / 256) for y in (100, 180)), [2 * (20 + 16 * frame) for frame in range(11)]
+    row, row_of_second = rows
+    assert film[10][row, columns[10]]
+    assert not film[10][row_of_second].any()
+    assert not film[10][row, 512 + columns[10]]
+    assert film[9][row, 512 + columns[9]]
 
 
 def scored(dataset: Path, name: str, shift: float) -> Scored:

@@ -36,7 +36,7 @@ class Plots:
         return {
             "thresholds": threshold_curves(report.mean, "Share of points within a threshold, and Jaccard"),
             "videos": video_bars(jaccards, report.mean["average_jaccard"], "Average Jaccard by video"),
-            "time": error_over_time(mean_over_videos(self._errors), "Median error by frames from the query"),
+            "time": error_over_time(mean_over_videos(self._errors).tolist(), "Median error by frames from the query"),
         }
 
     def write(self, folder: str | Path, report: Report) -> list[Path]:
