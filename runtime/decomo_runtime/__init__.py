@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TracksFileError,
     )
     from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.removal import remove_objects
     from decomo_runtime.tracker import Appearance, Tracker
     from decomo_runtime.tracks import Tracks
 
@@ -39,9 +40,16 @@ __all__ = [
     "Tracker",
     "Tracks",
     "TracksFileError",
+    "remove_objects",
 ]
 
-_HOMES = {"Appearance": "tracker", "ModelFacts": "model_file", "Tracker": "tracker", "Tracks": "tracks"}
+_HOMES = {
+    "Appearance": "tracker",
+    "ModelFacts": "model_file",
+    "Tracker": "tracker",
+    "Tracks": "tracks",
+    "remove_objects": "removal",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -43,6 +43,25 @@ def test_a_plane_is_carried_exactly_and_wrong_tracks_do_not_matter(wrong: int):
     np.testing.assert_allclose(field[20, 70], moved(np.array([70.0, 20.0])), atol=0.05)
 
 
+def test_parallax_is_interpolated_where_points_are_missing():
+    """A bump on the plane, and a hole in the points across its flank, as an object makes one."""
+    random = np.random.default_rng(0)
+    here = random.uniform(0, (96, 64), (1500, 2))
+    here = here[np.abs(here - [30, 30]).max(axis=1) > 6]
+
+    def bumped(xy: np.ndarray) -> np.ndarray:
+        height = 3 * np.exp(-((xy - [48, 32]) ** 2).sum(axis=-1, keepdims=True) / (2 * 15**2))
+        return moved(xy) + height * [1, 0.5]
+
+    xy = np.stack([here, bumped(here)], axis=1).astype(np.float32)
+    queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
+    seen = np.zeros((len(here), 2), bool)
+    motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+    places = np.array([[48.0, 32.0], [30.0, 30.0], [70.0, 40.0], [10.0, 60.0]])
+    assert np.abs(moved(places) - bumped(places)).max() > 2
+    np.testing.assert_allclose(motion.carry(places, 0, 1), bumped(places), atol=0.6)  # smoothed over two cells of 3
+
+
 def test_a_frame_and_itself():
     motion = two_frames(points=0)
     assert motion.knows(1, 1)
