@@ -45,7 +45,7 @@ def measure(tracker: Tracker, clip: np.ndarray, truth: np.ndarray, frames: range
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the records.")
 def main(dataset: Path, masks: Path, models: tuple[Path, ...], every: int, out: Path) -> None:
     """Render the clips of DATASET from MODELS; MASKS are those drawn by hand."""
-    click.echo("| clip | PSNR dB | mask IoU | frames | seconds a frame |\n|---|---|---|---|---|")
+    click.echo("| clip | PSNR dB | mask IoU | frames |\n|---|---|---|---|")
     for path in models:
         tracker = Tracker(path)
         facts = {
@@ -64,9 +64,7 @@ def main(dataset: Path, masks: Path, models: tuple[Path, ...], every: int, out: 
         figures = measure(tracker, clip.video.frames(), clip.object_masks, frames)
         seconds = round((time.monotonic() - begin) / len(frames), 2)
         write_record(record_path, {**about, "seconds_per_frame": seconds, "rendering": figures})
-        click.echo(
-            f"| {tracker.clip_name} | {figures['psnr']:.1f} | {figures['mask_iou']:.3f} | {len(frames)} | {seconds} |"
-        )
+        click.echo(f"| {tracker.clip_name} | {figures['psnr']:.1f} | {figures['mask_iou']:.3f} | {len(frames)} |")
 
 
 if __name__ == "__main__":
