@@ -1,7 +1,7 @@
 """Rendering of fitted models against the clips: PSNR of the fused picture, IoU of the motion mask. One record a model.
 
     python benchmarks/rendering.py ../shared/data/tapvid_davis32_dev.pkl ../shared/data/davis32_dev_mask.npz \
-        models/*.onnx --out benchmarks/results/rendering
+        models/*.onnx --out benchmarks/results/rendering-3m
 
 The second file holds a boolean array [frame, H, W] for each clip of the first, by name; each model says in its metadata
 which clip it is of. Both figures are means over frames; a pixel of the rendered mask moves where its static confidence
