@@ -29,6 +29,8 @@ MASK_SIDE = 128
 """Most pixels of the longer side of the raster on which masks are rendered."""
 COLOURS = 5
 """Frames whose colours a pixel takes the median of."""
+NEAR, STRIDE = 16, 4
+"""Frames up to this distance are all looked at, farther ones every so many: neighbours show nearly the same."""
 GROWN, FEATHER = 3.0, 3.0
 """Pixels of a frame whose longer side is 256: how far beyond the mask nothing of the clip is kept, and the width of the
 blend into it from there on."""
@@ -88,13 +90,14 @@ def propagate(frames: Image, frame: int, motion: SceneMotion, objects: Objects) 
     hidden = objects.share(frame) > 0
     found = np.zeros(hidden.sum(), int)
     colours = np.full((COLOURS, len(found), 3), np.nan, np.float32)
-    for other in sorted(set(range(len(frames))) - {frame}, key=lambda other: abs(other - frame)):
+    others = [other for other in range(len(frames)) if abs(other - frame) <= NEAR or (other - frame) % STRIDE == 0]
+    for other in sorted(set(others) - {frame}, key=lambda other: abs(other - frame)):
         if (found == COLOURS).all():
             break
         if not motion.knows(frame, other):
             continue
         there = motion.field(frame, other)
-        picture = _sampled(frames[other], there, cv2.INTER_CUBIC, outside=0)
+        picture = _sampled(frames[other], there, cv2.INTER_CUBIC)
         covered = (objects.share(other) > 0).astype(np.float32)
         in_sight = _sampled(covered, there, cv2.INTER_LINEAR, outside=1) == 0
         common = in_sight & ~hidden
@@ -111,6 +114,10 @@ def propagate(frames: Image, frame: int, motion: SceneMotion, objects: Objects) 
     return behind
 
 
-def _sampled(image: npt.NDArray[Any], places: Floats, interpolation: int, outside: float) -> npt.NDArray[Any]:
-    """`image` [H, W] or [H, W, C] at `places` [H, W, 2]; beyond its borders it is `outside`."""
-    return cv2.remap(image, places[..., 0], places[..., 1], interpolation, borderValue=(outside,) * 4)
+def _sampled(
+    image: npt.NDArray[Any], places: Floats, interpolation: int, outside: float | None = None
+) -> npt.NDArray[Any]:
+    """`image` [H, W] or [H, W, C] at `places` [H, W, 2]; beyond its borders it is `outside`, or goes on as there."""
+    x, y, value = places[..., 0], places[..., 1], (0.0 if outside is None else outside,) * 4
+    border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
+    return cv2.remap(image, x, y, interpolation, borderMode=border, borderValue=value)
