@@ -75,7 +75,7 @@ def render(
     from decomo_runtime.rendering import render as render_layers
     from decomo_runtime.tracker import Tracker
 
-    if remove_objects and (layer or size):
+    if remove_objects and (layer is not None or size is not None):
         raise RenderError("--remove-objects keeps the clip's own pixels and size; leave out --layer and --size")
     if remove_objects != (clip_path is not None):
         raise RenderError("--remove-objects and --clip go together: the clip's own pixels are kept")
