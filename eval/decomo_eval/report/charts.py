@@ -65,7 +65,7 @@ def error_over_time(errors: Sequence[float], title: str) -> str:
     """Error in pixels at 256x256 over the frames between query and answer, `errors[0]` at none; nan is left out."""
     shown = [(gap, float(error)) for gap, error in enumerate(errors) if not math.isnan(error)]
     most = _round_up(max((error for _, error in shown), default=1.0))
-    longest = max(1, len(errors) - 1)
+    longest = _round_up(max(4, len(errors) - 1))
     parts = [_open(_LEFT + _WIDTH + 130, _TOP + _HEIGHT + 40, title)]
     for quarter in range(5):
         y, x = _y(quarter / 4), _LEFT + _WIDTH * quarter / 4
