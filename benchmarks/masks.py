@@ -19,7 +19,6 @@ from typing import Any
 
 import click
 import numpy as np
-import numpy.typing as npt
 
 from decomo_eval.dataset import read_dataset
 from decomotion.clip import Clip
@@ -27,8 +26,7 @@ from decomotion.config import load
 from decomotion.data import evidence, labelling
 from decomotion.data.masks import auto_masks
 from decomotion.data.prepare import prepare_in_stages
-
-Mask = npt.NDArray[np.bool_]
+from harness.pictures import intersection_over_union
 
 ABLATIONS: dict[str, tuple[ModuleType, str, Any]] = {
     "homography alone": (evidence, "EPIPOLAR_TRUST", ((0.0, 0.0), (1.0, 0.0))),
@@ -40,12 +38,6 @@ ABLATIONS: dict[str, tuple[ModuleType, str, Any]] = {
     "no neighbours": (labelling, "SPATIAL_WEIGHT", 0.0),
 }
 """What is left out: the module's name that gets another value."""
-
-
-def intersection_over_union(mask: Mask, truth: Mask) -> float:
-    """Mean over frames of two masks [frame, H, W]; 1 in frames where both are empty."""
-    both, either = (mask & truth).sum(axis=(1, 2)), (mask | truth).sum(axis=(1, 2))
-    return float(np.where(either > 0, both / np.maximum(either, 1), 1).mean())
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 
 if TYPE_CHECKING:
-    from decomo_eval.scoring import Report
+    from decomo_eval.scoring import Report, Scored
 
 
 @click.group()
@@ -65,6 +66,20 @@ def cli() -> None:
     type=click.Path(file_okay=False, path_type=Path),
     help="Write a page, index.html, and the same as JSON, CSV (by video, by track) and a LaTeX row there.",
 )
+@click.option(
+    "--plots",
+    "plots_folder",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write the report's plots there alone, as SVG: by video, by threshold, by time.",
+)
+@click.option(
+    "--overlay",
+    "overlay_folder",
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Write <video>.mp4 there: predicted tracks on the left, true ones on the right.",
+)
 def tapvid(
     dataset: Path,
     models: Path | None,
@@ -77,6 +92,8 @@ def tapvid(
     object_masks: Path | None,
     json_path: Path | None,
     report_folder: Path | None,
+    plots_folder: Path | None,
+    overlay_folder: Path | None,
 ) -> None:
     """Score a tracker on DATASET, a TAP-Vid pickle or folder; distances are pixels at 256x256."""
     import json
@@ -90,12 +107,24 @@ def tapvid(
         from decomo_eval.baselines import FlowBaseline
 
         tracker = FlowBaseline(baseline, flow, flow_weights)
+    watching: list[Callable[[Scored], object]] = []
+    plots = None
+    if plots_folder is not None:
+        from decomo_eval.report.plots import Plots
+
+        plots = Plots(query_mode)
+        watching.append(plots.see)
+    if overlay_folder is not None:
+        from decomo_eval.report.films import write_film
+
+        watching.append(partial(write_film, folder=overlay_folder))
     with ExitStack() as stack:
         writer = None
         if report_folder is not None:
             from decomo_eval.report.writer import ReportWriter
 
             writer = stack.enter_context(ReportWriter(report_folder, query_mode))
+            watching.append(writer.see)
         report = evaluate(
             dataset,
             models,
@@ -104,7 +133,7 @@ def tapvid(
             names,
             tracker=tracker,
             object_masks=object_masks,
-            watch=None if writer is None else writer.see,
+            watch=lambda scored: [look(scored) for look in watching],
         )
         page = None if writer is None else writer.write(report)
     click.echo(_table(report))
@@ -116,8 +145,11 @@ def tapvid(
     click.echo(_summary(report))
     if json_path is not None:
         click.echo(f"wrote {json_path}")
-    if page is not None:
-        click.echo(f"wrote {page}")
+    for path in plots.write(plots_folder, report) if plots is not None and plots_folder is not None else ():
+        click.echo(f"wrote {path}")
+    for path in (page, overlay_folder):
+        if path is not None:
+            click.echo(f"wrote {path}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

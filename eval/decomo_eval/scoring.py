@@ -96,7 +96,7 @@ def evaluate(
     *,
     tracker: Tracker | None = None,
     object_masks: str | Path | None = None,
-    watch: Callable[[Scored], None] | None = None,
+    watch: Callable[[Scored], object] | None = None,
 ) -> Report:
     """Scores a tracker on a TAP-Vid dataset; give one of `models`, `predictions` and `tracker`.
 

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
         ModelFileError,
         OverlayError,
         QueryError,
+        RenderError,
         RuntimeInputError,
         SessionError,
         TracksFileError,
     )
     from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.removal import remove_objects
     from decomo_runtime.tracker import Appearance, Tracker
     from decomo_runtime.tracks import Tracks
 
@@ -32,14 +34,22 @@ __all__ = [
     "ModelFileError",
     "OverlayError",
     "QueryError",
+    "RenderError",
     "RuntimeInputError",
     "SessionError",
     "Tracker",
     "Tracks",
     "TracksFileError",
+    "remove_objects",
 ]
 
-_HOMES = {"Appearance": "tracker", "ModelFacts": "model_file", "Tracker": "tracker", "Tracks": "tracks"}
+_HOMES = {
+    "Appearance": "tracker",
+    "ModelFacts": "model_file",
+    "Tracker": "tracker",
+    "Tracks": "tracks",
+    "remove_objects": "removal",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from decomo_runtime.options import CAMERA, check_drawing, drawing_options
 from decomotion.console import run
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from decomo_runtime.model_file import ModelFacts
 
 _PATH = click.Path(path_type=Path)
+DYNAMIC, STATIC = KINDS = ("dynamic", "static")
 
 
 @click.command(context_settings={"show_default": True})
@@ -23,6 +25,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--point", "points", metavar="T,X,Y", multiple=True, help="A point seen in frame T; may be repeated.")
 @click.option("--queries", "queries_file", metavar="CSV", type=_PATH, help="Points from a file with the header t,x,y.")
 @click.option("--grid", metavar="STEP@T", help="A point every STEP pixels of frame T.")
+@click.option("--on", type=click.Choice(KINDS), help="Of the points, follow those on objects, or on the static scene.")
 @click.option(
     "--frames",
     "frame_range",
@@ -33,15 +36,19 @@ _PATH = click.Path(path_type=Path)
 @click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz or .csv.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
+@drawing_options
 def track(
     model: Path,
     points: Sequence[str],
     queries_file: Path | None,
     grid: str | None,
+    on: str | None,
     frame_range: str | None,
     out: Path,
     overlay: Path | None,
     clip_path: Path | None,
+    mark: str,
+    trails: str,
 ) -> None:
     """Follows points through the clip that MODEL was fitted to.
 
@@ -55,6 +62,7 @@ def track(
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames
+    from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import SUFFIXES
     from decomotion.clip import read_clip
@@ -63,6 +71,7 @@ def track(
         raise QueryError("give the points in exactly one way: --point, --queries or --grid")
     if (overlay is None) != (clip_path is None):
         raise OverlayError("--overlay and --clip go together: give the frames to draw on and the video to write")
+    check_drawing(overlay, mark, trails)
     check_output("--out", out, SUFFIXES)
     if overlay is not None and clip_path is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
@@ -71,6 +80,8 @@ def track(
 
     tracker = Tracker(model)
     queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
+    if on is not None:
+        queries = queries[(tracker.sample(queries).static_confidence >= 0.5) == (on == STATIC)]
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     clip = None
     if clip_path is not None:
@@ -82,7 +93,8 @@ def track(
     seconds = time.perf_counter() - start
     tracks.save(out)
     if overlay is not None and clip is not None:
-        write_video(overlay, draw_tracks(clip.frames, tracks), clip.fps)
+        motion = follow_scene(tracker) if trails == CAMERA else None
+        write_video(overlay, draw_tracks(clip.frames, tracks, mark=mark, motion=motion), clip.fps)
 
     number, length = tracks.occluded.shape
     hidden = f"{tracks.occluded.mean():.0%}" if tracks.occluded.size else "none"

@@ -27,3 +27,7 @@ class TracksFileError(RuntimeInputError):
 
 class OverlayError(RuntimeInputError):
     """The clip given for the overlay is not the one that the model was fitted to."""
+
+
+class RenderError(RuntimeInputError):
+    """What is to be rendered does not exist, or options of a rendering contradict each other."""

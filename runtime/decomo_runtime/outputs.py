@@ -15,6 +15,17 @@ def check_output(option: str, path: Path, suffixes: Sequence[str]) -> None:
         raise TracksFileError(f"{option} {path} must end in {' or '.join(suffixes)}")
     if path.is_dir():
         raise TracksFileError(f"{option} {path} is a folder; give a file name inside it")
+    _check_writable(option, path)
+
+
+def check_new_folder(option: str, path: Path) -> None:
+    """`TracksFileError` unless a folder `path` can be made, or is there and empty."""
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        raise TracksFileError(f"{option} {path} exists already; give the name of a new folder, or empty that one")
+    _check_writable(option, path)
+
+
+def _check_writable(option: str, path: Path) -> None:
     folder = next(parent for parent in path.absolute().parents if parent.exists())
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
         raise TracksFileError(f"{option} {path} cannot be written: {folder} is not a folder that you may write to")

@@ -1,7 +1,8 @@
 """Draws tracks on the frames of their clip.
 
-Each point keeps one colour, taken from a rainbow by where it was queried. A disc marks it where it is seen, a ring
-where the model holds it to be occluded; a fading trail shows where it has been, fainter while occluded.
+Each point keeps one colour, taken from a rainbow by where it was queried. A disc marks it where it is seen, a ring or
+a cross where the model holds it to be occluded; a fading trail shows where it has been, fainter while occluded. Where
+the scene's motion is given, the trail is relative to the static scene: a point that does not move by itself has none.
 
 Small clips are enlarged by a whole factor first; a place x of the clip then lies at (x + 0.5) * factor - 0.5 on the
 canvas. All that is drawn goes on one layer of premultiplied RGBA, laid over the muted frame once.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,8 +20,13 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import OverlayError
 from decomo_runtime.model_file import ModelFacts
+from decomo_runtime.options import MARKS
+from decomo_runtime.pictures import evened
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import Clip
+
+if TYPE_CHECKING:
+    from decomo_runtime.scene_motion import SceneMotion
 
 Image = npt.NDArray[np.uint8]
 
@@ -56,24 +63,74 @@ def check_clip(clip: Clip, model: ModelFacts) -> None:
         )
 
 
-def draw_tracks(frames: Image, tracks: Tracks, *, trail: int = TRAIL, long_side: int = LONG_SIDE) -> Iterator[Image]:
+def draw_tracks(
+    frames: Image,
+    tracks: Tracks,
+    *,
+    trail: int = TRAIL,
+    long_side: int = LONG_SIDE,
+    mark: str = MARKS[0],
+    motion: SceneMotion | None = None,
+) -> Iterator[Image]:
     """Yields, for each of `tracks.frames`, that frame of the clip with the tracks on it, RGB and of even size.
 
-    `frames` uint8 [T, H, W, 3] is the whole clip; `trail` counts frames; the longer side gets at least `long_side`
-    pixels.
+    `frames` uint8 [T, H, W, 3] is the whole clip; the rest is as for `Painter`.
     """
-    factor = max(1, -(-long_side // max(frames.shape[1:3])))
-    places = (tracks.xy.astype(np.float64) + 0.5) * factor - 0.5
-    places[~(np.abs(places) < _FAR).all(-1)] = np.nan
-    inks = rainbow(tracks.queries)
+    painter = Painter(tracks, frames.shape[1:3], trail=trail, long_side=long_side, mark=mark, motion=motion)
     for column, frame in enumerate(tracks.frames):
-        canvas = _muted(_enlarged(frames[frame], factor))
-        pen = _pen_for(len(inks), canvas)
+        yield painter.draw(frames[frame], column)
+
+
+class Painter:
+    """Draws one frame's points and trails on a picture.
+
+    Args:
+        tracks: in pixels of the clip.
+        size: (height, width) of the clip.
+        trail: length in frames.
+        long_side: the canvas's longer side gets at least so many pixels.
+        mark: of an occluded point, one of `MARKS`.
+        motion: of the static scene; the trails are then drawn relative to it.
+    """
+
+    def __init__(
+        self,
+        tracks: Tracks,
+        size: Sequence[int],
+        *,
+        trail: int = TRAIL,
+        long_side: int = LONG_SIDE,
+        mark: str = MARKS[0],
+        motion: SceneMotion | None = None,
+    ) -> None:
+        self._tracks, self._trail, self._mark, self._motion = tracks, trail, mark, motion
+        self._factor = max(1, -(-long_side // max(size)))
+        self._canvas = size[1] * self._factor, size[0] * self._factor
+        self._inks = rainbow(tracks.queries)
+
+    def draw(self, picture: Image, column: int) -> Image:
+        """The picture, RGB of any size that covers the clip's frame, with the tracks at their frame `column` on it."""
+        if picture.shape[1::-1] != self._canvas:
+            picture = cv2.resize(picture, self._canvas, interpolation=cv2.INTER_CUBIC).astype(np.uint8, copy=False)
+        canvas = _muted(evened(picture))
+        pen = _pen_for(len(self._inks), canvas)
         layer = np.zeros((*canvas.shape[:2], 4), np.uint8)
-        past = slice(max(0, column - trail), column + 1)
-        _draw_trails(layer, places[:, past], tracks.occluded[:, past], inks, pen, trail)
-        _draw_marks(layer, places[:, column], tracks.occluded[:, column], inks, pen)
-        yield _laid_over(canvas, layer)
+        past = slice(max(0, column - self._trail), column + 1)
+        places, occluded = self._places(range(len(self._tracks.frames))[past], column), self._tracks.occluded[:, past]
+        _draw_trails(layer, places, occluded, self._inks, pen, self._trail)
+        _draw_marks(layer, places[:, -1], occluded[:, -1], self._inks, pen, self._mark)
+        return _laid_over(canvas, layer)
+
+    def _places(self, past: Sequence[int], column: int) -> npt.NDArray[np.float64]:
+        """[N, L, 2], canvas pixels at `column`; nan where nothing can be drawn."""
+        frames = self._tracks.frames
+        xy = self._tracks.xy[:, list(past)].astype(np.float64)
+        if self._motion is not None:
+            xy = [self._motion.carry(xy[:, i], int(frames[j]), int(frames[column])) for i, j in enumerate(past)]
+            xy = np.stack(xy, axis=1)
+        places = (xy + 0.5) * self._factor - 0.5
+        places[~(np.abs(places) < _FAR).all(-1)] = np.nan
+        return places
 
 
 def rainbow(queries: npt.NDArray[np.float32]) -> Image:
@@ -96,13 +153,6 @@ def contact_sheet(frames: Sequence[Image], *, gap: int = 8) -> Image:
     white = np.full((frames[0].shape[0], gap, 3), 255, np.uint8)
     strips = [strip for frame in frames for strip in (white, frame)]
     return np.concatenate(strips[1:], axis=1)
-
-
-def _enlarged(frame: Image, factor: int) -> Image:
-    """`frame` times `factor`, its last row and column repeated where that makes the size even."""
-    large = cv2.resize(frame, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else frame
-    height, width = large.shape[:2]
-    return cv2.copyMakeBorder(large, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE).astype(np.uint8, copy=False)
 
 
 def _muted(frame: Image) -> Image:
@@ -140,14 +190,19 @@ def _draw_trails(
 
 
 def _draw_marks(
-    layer: Image, places: npt.NDArray[np.float64], occluded: npt.NDArray[np.bool_], inks: Image, pen: _Pen
+    layer: Image, places: npt.NDArray[np.float64], occluded: npt.NDArray[np.bool_], inks: Image, pen: _Pen, mark: str
 ) -> None:
-    """A ring at each occluded point of `places` [N, 2], then a dark-rimmed disc at each one in sight."""
+    """`mark` at each occluded point of `places` [N, 2], then a dark-rimmed disc at each one in sight."""
     present = np.isfinite(places).all(1)
     rim = _ink(np.zeros(3, np.uint8), _RIM_INK)
     for point in np.flatnonzero(present & occluded):
-        ring = _ink(inks[point], 0.85)
-        cv2.circle(layer, _fixed(places[point]), _fixed_length(pen.radius), ring, 1, cv2.LINE_AA, _SHIFT)
+        ink = _ink(inks[point], 0.85)
+        if mark == "ring":
+            cv2.circle(layer, _fixed(places[point]), _fixed_length(pen.radius), ink, 1, cv2.LINE_AA, _SHIFT)
+        elif mark == "cross":
+            for arm in (np.array([1, 1]), np.array([1, -1])):
+                begin, end = (_fixed(places[point] + side * pen.radius * arm) for side in (-1, 1))
+                cv2.line(layer, begin, end, ink, 1, cv2.LINE_AA, _SHIFT)
     for point in np.flatnonzero(present & ~occluded):
         centre = _fixed(places[point])
         cv2.circle(layer, centre, _fixed_length(pen.radius + 1), rim, cv2.FILLED, cv2.LINE_AA, _SHIFT)

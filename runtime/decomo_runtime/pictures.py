@@ -1,50 +1,138 @@
-"""Writes frames to files that browsers show: H.264 video and png, each whole or not at all."""
+"""Writes frames to files: video that browsers or editors play, and png, each whole or not at all.
+
+The suffix of a video chooses its form:
+
+    .mp4    H.264, yuv420p, plays everywhere; no alpha
+    .webm   VP9, with alpha for browsers (yuva420p)
+    .mov    ProRes 4444, with alpha for editors (yuva444p10le)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.files import replacing
+from decomotion.files import new_folder, replacing
 
 Image = npt.NDArray[np.uint8]
 
 VIDEO_SUFFIXES = (".mp4",)
+ALPHA_SUFFIXES = (".webm", ".mov")
+"""Forms that keep an alpha channel."""
+
 _BT601_MATRIX, _BT709, _MPEG_RANGE = 6, 1, 1
 """FFmpeg's numbers. It converts RGB by BT.601; said in the file, no player has to guess the colours from the size."""
 
 
-def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
-    """Encodes `frames`, one or more of one even size [H, W, 3] RGB, as an mp4 (H.264, yuv420p, index in front)."""
-    import av
+@dataclass(frozen=True)
+class _Form:
+    """How a video is encoded."""
 
+    container: str
+    codec: str
+    pixels: str
+    pixels_with_alpha: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    container_options: Mapping[str, str] = field(default_factory=dict)
+
+
+_FORMS = {
+    ".mp4": _Form("mp4", "libx264", "yuv420p", None, {"crf": "18", "preset": "medium"}, {"movflags": "+faststart"}),
+    ".webm": _Form(
+        "webm",
+        "libvpx-vp9",
+        "yuv420p",
+        "yuva420p",
+        {"crf": "20", "b": "0", "auto-alt-ref": "0", "row-mt": "1", "cpu-used": "3"},  # alpha bars alt-ref frames
+    ),
+    ".mov": _Form("mov", "prores_ks", "yuv444p10le", "yuva444p10le", {"profile": "4444", "vendor": "apl0"}),
+}
+
+
+def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
+    """Encodes `frames`, one or more of one even size, RGB [H, W, 3], or RGBA [H, W, 4] with alpha not premultiplied.
+
+    The suffix of `path` chooses the form; .mp4 takes no alpha.
+    """
+    import av
+    from av.video.stream import VideoStream
+
+    form = _FORMS[Path(path).suffix.lower()]
     frames = iter(frames)
     first = next(frames)
-    height, width = first.shape[:2]
+    height, width, channels = first.shape
+    pixels = form.pixels if channels == 3 else form.pixels_with_alpha
+    assert pixels is not None, f"{path} cannot hold an alpha channel"
     with (
         replacing(path) as temporary,
-        av.open(str(temporary), "w", format="mp4", options={"movflags": "+faststart"}) as container,
+        av.open(str(temporary), "w", format=form.container, options=dict(form.container_options)) as container,
     ):
-        stream = container.add_stream(
-            "libx264", rate=Fraction(fps).limit_denominator(1001), options={"crf": "18", "preset": "medium"}
-        )
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        rate = Fraction(fps).limit_denominator(1001)
+        stream = cast("VideoStream", container.add_stream(form.codec, rate=rate, options=dict(form.options)))
+        stream.width, stream.height, stream.pix_fmt = width, height, pixels
         context = stream.codec_context
         context.colorspace, context.color_range = _BT601_MATRIX, _MPEG_RANGE
         context.color_primaries = context.color_trc = _BT709
+        if channels == 4:
+            stream.metadata["alpha_mode"] = "1"  # what a webm player looks for
+        layout = "rgb24" if channels == 3 else "rgba"
         for frame in chain([first], frames):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format=layout)))
         container.mux(stream.encode())
 
 
 def write_png(path: str | Path, image: Image) -> None:
-    """Writes `image` [H, W, 3] RGB as a png."""
-    encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
+    """Writes `image`, RGB [H, W, 3] or RGBA [H, W, 4], as a png."""
     with replacing(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+        temporary.write_bytes(_png(image))
+
+
+def write_sequence(folder: str | Path, images: Iterable[tuple[str, Image]]) -> None:
+    """Writes named images as `<name>.png` in `folder`, which appears whole or not at all.
+
+    A name may hold `/` for a folder within. Raises `OSError` where `folder` has something in it.
+    """
+    with new_folder(folder) as temporary:
+        for name, image in images:
+            path = temporary / f"{name}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(_png(image))
+
+
+def evened(frame: Image) -> Image:
+    """The frame, its last row and column repeated where that makes its size even, as video needs it."""
+    height, width = frame.shape[:2]
+    if height % 2 == 0 and width % 2 == 0:
+        return frame
+    return cv2.copyMakeBorder(frame, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE).astype(np.uint8, copy=False)
+
+
+def flattened(image: Image, cell: int = 8) -> Image:
+    """RGBA [H, W, 4] laid over grey chequers of `cell` pixels: RGB [H, W, 3]. RGB is returned as it is."""
+    if image.shape[2] == 3:
+        return image
+    row, column = np.indices(image.shape[:2]) // cell
+    ground = np.where((row + column) % 2, 204, 153)[..., None].astype(np.float32)
+    alpha = image[..., 3:].astype(np.float32) / 255
+    return np.rint(ground * (1 - alpha) + image[..., :3] * alpha).astype(np.uint8)
+
+
+def tiled(images: Iterable[Image], columns: int) -> Image:
+    """RGB images of one size in rows of `columns`, the last row filled up with black."""
+    tiles = list(images)
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
+    rows = [np.concatenate(tiles[start : start + columns], axis=1) for start in range(0, len(tiles), columns)]
+    return np.concatenate(rows)
+
+
+def _png(image: Image) -> bytes:
+    order = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+    return cv2.imencode(".png", cv2.cvtColor(image, order))[1].tobytes()

@@ -19,6 +19,7 @@ from decomo_runtime import contract
 from decomo_runtime.errors import QueryError
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
+from decomo_runtime.rendering import render
 from decomo_runtime.tracks import Tracks
 
 RAYS_PER_CALL = 4096
@@ -119,6 +120,13 @@ class Tracker:
             answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
             colours[:, rows], scalars[:, rows] = answer[:3], answer[3:]
         return Appearance(*colours, *scalars)
+
+    def render(self, frame: int, layer: str = "fused", *, long_side: int | None = None) -> npt.NDArray[np.uint8]:
+        """A picture of `frame` as the model has it, uint8 [H, W, 3] RGB; of the clip's size, or with that longer side.
+
+        `layer` is one of `fused`, `static`, `dynamic` ([H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
+        """
+        return render(self, frame, [layer], long_side=long_side)[0]
 
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""`replacing`: a file is either the old one or the whole new one."""
+"""`replacing`: a file is either the old one or the whole new one; `new_folder`: a folder is whole or not there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from decomotion.files import replacing
+from decomotion.files import new_folder, replacing
 
 
 def names_in(folder: Path) -> list[str]:
@@ -65,3 +65,31 @@ def test_kill_leaves_the_old_file(tmp_path: Path):
     process = subprocess.run([sys.executable, "-c", killed_while_writing, str(target)], timeout=60)
     assert process.returncode == -signal.SIGKILL
     assert target.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("empty_one_is_there", [False, True])
+def test_a_new_folder_appears_whole(tmp_path: Path, empty_one_is_there: bool):
+    target = tmp_path / "runs" / "frames"
+    if empty_one_is_there:
+        target.mkdir(parents=True)
+    with new_folder(target) as temporary:
+        (temporary / "a").write_bytes(b"new")
+        assert not target.exists() or not names_in(target)
+    assert names_in(target) == ["a"]
+    assert names_in(target.parent) == ["frames"]
+
+
+def test_an_exception_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / "frames") as temporary:  # noqa: PT012
+        (temporary / "a").write_bytes(b"half")
+        raise KeyboardInterrupt
+    assert names_in(tmp_path) == []
+
+
+def test_a_folder_with_something_in_it_is_not_replaced(tmp_path: Path):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "old").touch()
+    with pytest.raises(OSError, match="not empty"), new_folder(tmp_path / "frames") as temporary:
+        (temporary / "a").touch()
+    assert names_in(tmp_path) == ["frames"]
+    assert names_in(tmp_path / "frames") == ["old"]

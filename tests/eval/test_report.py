@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -21,8 +22,10 @@ from decomo_eval.cli import main
 from decomo_eval.dataset import read_dataset
 from decomo_eval.measure import score
 from decomo_eval.predictions import Prediction
-from decomo_eval.report.charts import MOST_BARS, threshold_curves, video_bars
+from decomo_eval.report.charts import MOST_BARS, error_over_time, threshold_curves, video_bars
 from decomo_eval.report.clips import CLIPS, FALSE, FOUND, LOST, WorstClips, draw
+from decomo_eval.report.films import side_by_side
+from decomo_eval.report.plots import mean_over_videos, median_error_by_gap
 from decomo_eval.report.published import published
 from decomo_eval.report.tables import latex_row
 from decomo_eval.scoring import Scored, evaluate
@@ -134,6 +137,79 @@ def test_charts_are_xml_and_leave_out_what_is_undefined() -> None:
         for x in (1, 2, 4, 8, 16)
     }
     assert len(ElementTree.fromstring(threshold_curves(metrics, "curves")).findall("polyline")) == 1
+
+
+def test_error_over_time_by_hand(dataset: Path) -> None:
+    """One point asked for in frame 2 of 5; it drifts by its distance in time, and is hidden in frame 4."""
+    frame = np.arange(5)
+    tracks = np.zeros((1, 5, 2))
+    drifted = tracks + np.abs(frame - 2)[None, :, None] * [3, 4]
+    occluded = np.zeros((1, 5), bool)
+    occluded[0, 4] = True
+    queries = Queries(np.array([[2.0, 0, 0]]), tracks, occluded)
+    one = Scored(read_dataset(dataset)["left"], queries, Prediction(drifted, occluded, (32, 20)), {})
+    for mode, expected in (("strided", [math.nan, 5, 10]), ("first", [math.nan, 5, math.nan])):
+        np.testing.assert_array_equal(median_error_by_gap(one, mode), [*expected, math.nan, math.nan])
+    both = mean_over_videos([np.array([1.0, math.nan]), np.array([3.0, math.nan, 5])])
+    np.testing.assert_array_equal(both, [2, math.nan, 5])
+
+
+@pytest.mark.parametrize(
+    ("most", "top"), [(0.004, "0.004"), (0.9, "1"), (1.0, "1"), (3, "4"), (7.9, "8"), (130, "200")]
+)
+def test_the_scale_of_error_over_time_is_round(most: float, top: str) -> None:
+    tree = ElementTree.fromstring(error_over_time([math.nan, most / 2, most], "over time"))
+    assert top in [text.text for text in tree.findall("text")]
+    line = tree.find("polyline")
+    assert line is not None
+    places = [[float(number) for number in place.split(",")] for place in (line.get("points") or "").split()]
+    assert len(places) == 2
+    assert places[0][1] > places[1][1]  # larger is higher
+    assert "<polyline" not in error_over_time([math.nan, math.nan], "nothing to show")
+
+
+def test_plots_alone_are_svg_files(dataset: Path, write_predictions: WritePredictions, tmp_path: Path) -> None:
+    command = ["tapvid", str(dataset), "--predictions", str(write_predictions("left", "right"))]
+    assert main([*command, "--plots", str(tmp_path / "plots"), "--report", str(tmp_path / "report")]) == 0
+    page = (tmp_path / "report" / "index.html").read_text()
+    files = sorted((tmp_path / "plots").iterdir())
+    assert [file.name for file in files] == ["thresholds.svg", "time.svg", "videos.svg"]
+    for file in files:
+        root = ElementTree.parse(file).getroot()
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert "var(" not in file.read_text()  # colours that any viewer of SVG knows
+        title = root.find("{http://www.w3.org/2000/svg}title")
+        assert title is not None
+        assert f"<title>{title.text}</title>" in page  # the same plots
+
+
+def test_films_show_prediction_and_truth(dataset: Path, write_predictions: WritePredictions, tmp_path: Path) -> None:
+    command = ["tapvid", str(dataset), "--predictions", str(write_predictions("left", "right"))]
+    assert main([*command, "--overlay", str(tmp_path / "films")]) == 0
+    assert sorted(file.name for file in (tmp_path / "films").iterdir()) == ["left.mp4", "right.mp4"]
+    with av.open(str(tmp_path / "films" / "left.mp4")) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(frames) == 11
+    assert frames[0].shape == (320, 1024, 3)
+
+
+def test_a_true_track_is_drawn_once_and_only_where_it_is_known(dataset: Path) -> None:
+    """A point asked for twice, drawn by its first query; its truth is hidden in the last frame."""
+    video = read_dataset(dataset)["left"]
+    video.frames()[:] = 0
+    tracks = np.full((2, 11, 2), 100.0)
+    tracks[:, :, 0] = 20 + 16 * np.arange(11)
+    occluded = np.zeros((2, 11), bool)
+    occluded[:, 10] = True
+    queries = Queries(np.array([[0, 100.0, 20.0], [5, 100.0, 100.0]]), tracks, occluded)
+    said = Prediction(np.stack([tracks[0], tracks[1] + 80]), np.zeros((2, 11), bool), (32, 20))
+    film = [frame.max(axis=2) > 100 for frame in side_by_side(Scored(video, queries, said, {}))]
+    rows, columns = (round(y * 320 / 256) for y in (100, 180)), [2 * (20 + 16 * frame) for frame in range(11)]
+    row, row_of_second = rows
+    assert film[10][row, columns[10]]
+    assert not film[10][row_of_second].any()
+    assert not film[10][row, 512 + columns[10]]
+    assert film[9][row, 512 + columns[9]]
 
 
 def scored(dataset: Path, name: str, shift: float) -> Scored:

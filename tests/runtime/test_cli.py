@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracks, contract
+from decomo_runtime import Tracks, contract, scene_motion
 from decomo_runtime.cli import main
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
@@ -66,6 +66,26 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
 
 
+@pytest.mark.parametrize(("on", "frames"), [("dynamic", [0, 2]), ("static", [3, 5])])
+def test_points_on_objects_or_on_the_scene_only(model_path: Path, tmp_path: Path, on: str, frames: list[int]):
+    """The tiny model's static confidence is t / 6."""
+    out = tmp_path / "tracks.npz"
+    points = [part for frame in (0, 2, 3, 5) for part in ("--point", f"{frame},3,4")]
+    assert main([str(model_path), *points, "--on", on, "--out", str(out)]) == 0
+    assert Tracks.load(out).queries[:, 0].tolist() == frames
+
+
+def test_trails_without_the_camera_s_motion(
+    model_path: Path, clip_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
+    arguments = ["--grid", "16@1", "--out", tmp_path / "a.npz", "--clip", clip_path, "--trails", "camera"]
+    overlay = tmp_path / "a.mp4"
+    assert main([str(argument) for argument in (model_path, *arguments, "--overlay", overlay)]) == 0
+    with av.open(str(overlay)) as container:
+        assert len(list(container.decode(video=0))) == NUM_FRAMES
+
+
 def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "q.csv").write_text("t,x,y\n")
     out = tmp_path / "tracks.npz"
@@ -91,6 +111,7 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
         (["--point", "0,1,2", "--clip", "slide"], "--overlay and --clip go together"),
         (["--point", "0,1,2", "--overlay", "a.avi", "--clip", "slide"], "--overlay a.avi must end in .mp4"),
         (["--point", "0,1,2", "--overlay", "a.mp4", "--clip", "no"], "no does not exist"),
+        (["--point", "0,1,2", "--mark", "cross"], "--mark and --trails say how an --overlay is drawn"),
     ],
 )
 def test_bad_arguments(

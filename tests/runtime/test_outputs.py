@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from decomo_runtime import TracksFileError
-from decomo_runtime.outputs import check_output
+from decomo_runtime.outputs import check_new_folder, check_output
 
 SUFFIXES = (".npz", ".csv")
 
@@ -45,3 +45,15 @@ def test_no_permission(tmp_path: Path):
     tmp_path.chmod(0o500)
     with pytest.raises(TracksFileError, match="is not a folder that you may write to"):
         check_output("--out", tmp_path / "a.npz", SUFFIXES)
+
+
+def test_a_new_folder(tmp_path: Path):
+    check_new_folder("--out", tmp_path / "new" / "folder")
+    (tmp_path / "empty").mkdir()
+    check_new_folder("--out", tmp_path / "empty")
+    with pytest.raises(TracksFileError, match=r"--out .* exists already; give the name of a new folder"):
+        check_new_folder("--out", tmp_path)
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path / "file" / "a"):
+        with pytest.raises(TracksFileError, match=r"exists already|is not a folder that you may write to"):
+            check_new_folder("--out", path)

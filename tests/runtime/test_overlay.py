@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime import ModelFacts, OverlayError, Tracks
-from decomo_runtime.overlay import check_clip, contact_sheet, draw_tracks, rainbow
+from decomo_runtime.overlay import Painter, check_clip, contact_sheet, draw_tracks, rainbow
 from decomotion.clip import Clip
 
 
@@ -48,6 +48,41 @@ def test_an_occluded_point_is_a_ring():
     frame = next(draw_tracks(grey_clip(1, 64, 64), tracks_at([[(20, 10)]], [[True]], [0])))
     assert not inked(frame)[83, 163]
     assert inked(frame)[78:90, 157:171].any()
+
+
+@pytest.mark.parametrize(("mark", "centre", "corner", "side"), [("cross", True, True, False), ("none",) + (False,) * 3])
+def test_other_marks_of_an_occluded_point(mark: str, centre: bool, corner: bool, side: bool):
+    """Its radius is 4.6 pixels of the canvas."""
+    (frame,) = draw_tracks(grey_clip(1, 64, 64), tracks_at([[(20, 10)]], [[True]], [0]), mark=mark)
+    ink = inked(frame)
+    assert ink[82:85, 162:165].any() == centre
+    assert ink[86:88, 166:168].any() == corner
+    assert ink[83, 167:170].any() == side
+    assert ink.any() == (mark != "none")
+
+
+def test_trails_relative_to_the_scene():
+    """The camera pans 5 pixels a frame: a point of the scene has no trail, one that stands in the image has."""
+
+    class Pan:
+        def carry(self, xy: np.ndarray, frame: int, other: int) -> np.ndarray:
+            return xy + np.array([-5.0 * (other - frame), 0])
+
+    scene = [(50 - 5.0 * frame, 10) for frame in range(6)]
+    tracks = tracks_at([scene, [(30, 50)] * 6], [[False] * 6] * 2, list(range(6)))
+    last = list(draw_tracks(grey_clip(6, 64, 64), tracks, motion=Pan()))[-1]
+    columns = [np.flatnonzero(inked(last)[rows].any(axis=0)) for rows in (slice(0, 256), slice(256, 512))]
+    assert np.ptp(columns[0]) < 20  # the disc
+    assert columns[1].min() < (30 - 20) * 8 < (30 + 1) * 8 < columns[1].max() + 8
+    plain = list(draw_tracks(grey_clip(6, 64, 64), tracks))[-1]
+    assert np.ptp(np.flatnonzero(inked(plain)[:256].any(axis=0))) > 150
+
+
+def test_a_picture_of_another_size_is_brought_to_the_canvas():
+    painter = Painter(tracks_at([[(20, 10)]], [[False]], [0]), (64, 64))
+    frame = painter.draw(np.full((100, 100, 3), 100, np.uint8), 0)
+    assert frame.shape == (512, 512, 3)
+    assert inked(frame)[83, 163]
 
 
 def test_the_trail_ends_after_its_length_and_fades():

@@ -14,8 +14,9 @@ from types import TracebackType
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.report.charts import threshold_curves, video_bars
+from decomo_eval.report.charts import STYLE
 from decomo_eval.report.clips import NEAR, WorstClips
+from decomo_eval.report.plots import Plots
 from decomo_eval.report.published import published
 from decomo_eval.report.tables import TRACK_KEYS, latex_row, track_rows, videos_csv
 from decomo_eval.scoring import Report, Scored
@@ -36,7 +37,7 @@ class ReportWriter:
 
     def __init__(self, folder: str | Path, query_mode: str) -> None:
         self._folder, self._query_mode = Path(folder), query_mode
-        self._worst = WorstClips()
+        self._worst, self._plots = WorstClips(), Plots(query_mode)
         self._open = ExitStack()
 
     def __enter__(self) -> ReportWriter:
@@ -58,6 +59,7 @@ class ReportWriter:
             self._headed = True
         self._tracks.writerows(track_rows(scored, self._query_mode))
         self._worst.see(scored)
+        self._plots.see(scored)
 
     def write(self, report: Report) -> Path:
         """Writes all but `tracks.csv`, which is whole when the writer is left; returns the page's path."""
@@ -75,12 +77,11 @@ class ReportWriter:
 
     def _page(self, report: Report) -> str:
         jinja = Environment(loader=PackageLoader("decomo_eval.report", "."), autoescape=True, undefined=StrictUndefined)
-        jaccards = {name: metrics["average_jaccard"] for name, metrics in report.videos.items()}
         return jinja.get_template("page.html.j2").render(
             report=report,
             columns=COLUMNS,
-            curves=threshold_curves(report.mean, "Share of points within a threshold, and Jaccard"),
-            bars=video_bars(jaccards, report.mean["average_jaccard"], "Average Jaccard by video"),
+            plots=self._plots.svg(report),
+            plot_style=STYLE,
             clips=self._worst.clips,
             base64=lambda data: base64.b64encode(data).decode("ascii"),
             near=NEAR,

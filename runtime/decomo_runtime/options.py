@@ -1,0 +1,39 @@
+"""Options that `decomo-track` and `decomo-render` share: how tracks are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+MARKS = ("ring", "cross", "none")
+"""What an occluded point is drawn as."""
+IMAGE, CAMERA = TRAILS = ("image", "camera")
+"""What a trail is drawn relative to: the image, or the static scene, the camera's motion taken out."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def drawing_options(command: Function) -> Function:
+    """Adds `mark` and `trails`, which say how an overlay is drawn."""
+    for option in (
+        click.option(
+            "--trails",
+            type=click.Choice(TRAILS),
+            default=IMAGE,
+            help="Of an overlay: relative to the image, or to the static scene, the camera's motion taken out.",
+        ),
+        click.option("--mark", type=click.Choice(MARKS), default=MARKS[0], help="Of occluded points in an overlay."),
+    ):
+        command = option(command)
+    return command
+
+
+def check_drawing(overlay: Path | None, mark: str, trails: str) -> None:
+    """`OverlayError` where options say how to draw an overlay that is not asked for."""
+    from decomo_runtime.errors import OverlayError
+
+    if overlay is None and (mark, trails) != (MARKS[0], IMAGE):
+        raise OverlayError("--mark and --trails say how an --overlay is drawn; give one, or leave them out")

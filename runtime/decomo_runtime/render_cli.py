@@ -1,0 +1,157 @@
+"""`decomo-render`: a clip's layers as an exported model has them, and the clip without its objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from decomo_runtime.options import CAMERA, check_drawing, drawing_options
+from decomotion.console import run
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from decomo_runtime.tracker import Tracker
+
+    Image = npt.NDArray[np.uint8]
+    Draw = Callable[[Image, int], Image]
+
+_PATH = click.Path(path_type=Path)
+ALL = "all"
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("model", type=_PATH)
+@click.option(
+    "--layer",
+    type=click.Choice(["fused", "static", "dynamic", "mask", "depth", ALL]),
+    help="What to render.  [default: fused]",
+)
+@click.option("--remove-objects", is_flag=True, help="Instead: the clip, behind its objects what other frames show.")
+@click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
+@click.option(
+    "--frames", "frame_range", metavar="A:B", show_default="all", help="Frames to render: from A up to but without B."
+)
+@click.option("--size", metavar="PIXELS", type=int, help="Of the longer side.  [default: the clip's]")
+@click.option(
+    "--out",
+    required=True,
+    metavar="FILE|DIR",
+    type=_PATH,
+    help="A video, .mp4 (H.264), .webm (VP9, keeps alpha) or .mov (ProRes 4444, keeps alpha); without one of these "
+    "endings a new folder of PNGs.",
+)
+@click.option("--overlay", metavar="TRACKS.npz", type=_PATH, help="Draw these tracks, of decomo-track, on it.")
+@drawing_options
+def render(
+    model: Path,
+    layer: str | None,
+    remove_objects: bool,
+    clip_path: Path | None,
+    frame_range: str | None,
+    size: int | None,
+    out: Path,
+    overlay: Path | None,
+    mark: str,
+    trails: str,
+) -> None:
+    """Renders the clip that MODEL was fitted to, decomposed into static scene and moving objects.
+
+    Objects alone have an alpha channel; in .mp4, with --overlay and in the video of all layers they lie on chequers.
+    All layers make one video side by side, or a folder for each.
+    """
+    import numpy as np
+    from tqdm import tqdm
+
+    from decomo_runtime.errors import RenderError
+    from decomo_runtime.outputs import check_new_folder, check_output
+    from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
+    from decomo_runtime.queries import parse_frames
+    from decomo_runtime.rendering import LAYERS, raster_size
+    from decomo_runtime.rendering import render as render_layers
+    from decomo_runtime.tracker import Tracker
+
+    if remove_objects and (layer is not None or size is not None):
+        raise RenderError("--remove-objects keeps the clip's own pixels and size; leave out --layer and --size")
+    if remove_objects != (clip_path is not None):
+        raise RenderError("--remove-objects and --clip go together: the clip's own pixels are kept")
+    check_drawing(overlay, mark, trails)
+    is_video = out.suffix != ""
+    if is_video:
+        check_output("--out", out, (*VIDEO_SUFFIXES, *ALPHA_SUFFIXES))
+        if clip_path is not None and out.exists() and clip_path.exists() and out.samefile(clip_path):
+            raise RenderError(f"--out {out} would replace the clip; give another name")
+    else:
+        check_new_folder("--out", out)
+
+    tracker = Tracker(model)
+    raster_size(tracker.facts, size)
+    frames = np.arange(tracker.num_frames) if frame_range is None else parse_frames(frame_range, tracker.num_frames)
+    layers = LAYERS if layer == ALL else (layer or LAYERS[0],)
+    draw = None if overlay is None else _drawing(tracker, overlay, frames, mark, trails)
+    if clip_path is not None:
+        layers, rendered = ("without objects",), _without_objects(tracker, clip_path, frames)
+    else:
+        rendered = (render_layers(tracker, int(frame), layers, long_side=size) for frame in frames)
+    pictures = zip(frames.tolist(), tqdm(rendered, "render", total=len(frames), leave=False), strict=True)
+    if draw is not None:
+        pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)
+    if is_video:
+        keeps_alpha = out.suffix.lower() in ALPHA_SUFFIXES and len(layers) == 1
+        write_video(out, (_side_by_side(each, keeps_alpha) for _, each in pictures), tracker.fps)
+    else:
+        write_sequence(out, _named(pictures, layers))
+    click.echo(f"{', '.join(layers)} of {tracker.clip_name}, {len(frames)} frame{'s' * (len(frames) != 1)}")
+    click.echo(f"wrote {out}")
+
+
+def _without_objects(tracker: Tracker, clip_path: Path, frames: npt.NDArray[np.int64]) -> Iterator[list[Image]]:
+    from decomo_runtime.overlay import check_clip
+    from decomo_runtime.removal import remove_objects
+    from decomotion.clip import read_clip
+
+    clip = read_clip(clip_path)
+    check_clip(clip, tracker.facts)
+    return ([picture] for picture in remove_objects(tracker, clip.frames, frames.tolist()))
+
+
+def _drawing(tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], mark: str, trails: str) -> Draw:
+    """Draws the tracks of the file at `path` on a picture of a frame; the file must have all `frames`."""
+    from decomo_runtime.errors import OverlayError
+    from decomo_runtime.overlay import Painter
+    from decomo_runtime.pictures import flattened
+    from decomo_runtime.scene_motion import follow_scene
+    from decomo_runtime.tracks import Tracks
+
+    tracks = Tracks.load(path)
+    columns = {frame: column for column, frame in enumerate(tracks.frames.tolist())}
+    missing = [frame for frame in frames.tolist() if frame not in columns]
+    if missing or max(columns) >= tracker.num_frames:
+        wrong = f"lacks frame {missing[0]}" if missing else f"has a frame {max(columns)}"
+        raise OverlayError(f"{path} {wrong} of {tracker.num_frames}; give tracks of this model for the frames rendered")
+    motion = follow_scene(tracker) if trails == CAMERA else None
+    painter = Painter(tracks, (tracker.height, tracker.width), mark=mark, motion=motion)
+    return lambda picture, frame: painter.draw(flattened(picture), columns[frame])
+
+
+def _side_by_side(pictures: Sequence[Image], keep_alpha: bool) -> Image:
+    """The pictures of one frame as one of a video, three in a row."""
+    from decomo_runtime.pictures import evened, flattened, tiled
+
+    return evened(tiled([each if keep_alpha else flattened(each) for each in pictures], min(3, len(pictures))))
+
+
+def _named(pictures: Iterator[tuple[int, list[Image]]], layers: Sequence[str]) -> Iterator[tuple[str, Image]]:
+    """Each picture with its file's name: the frame's number, of several layers in a folder for each."""
+    for frame, each in pictures:
+        for layer, picture in zip(layers, each, strict=True):
+            yield f"{layer}/{frame:05d}" if len(layers) > 1 else f"{frame:05d}", picture
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs `decomo-render` on `argv` and returns its exit code."""
+    return run(render, argv)

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from decomo_runtime import RenderError
+from decomo_runtime import removal as removal_module
+from decomo_runtime.removal import Objects, propagate, remove_objects
+from decomo_runtime.scene_motion import follow_scene
+from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE, sliding_square
+from true_tracker import TrueTracker, square_mask
+
+FRAME = 4
+
+
+def scene_of(frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """The scene behind the square of `frame`, [H, W, 3], and where any other frame shows it: one pixel at a time."""
+    frames = sliding_square().frames
+    colour, known = frames[frame].astype(float), ~square_mask(frame)
+    for y, x in np.argwhere(square_mask(frame)):
+        for other in range(FRAMES):
+            there = x + round(SCENE_VELOCITY[0] * (other - frame))
+            if 0 <= there < SIZE and not square_mask(other)[y, there]:
+                colour[y, x], known[y, x] = frames[other, y, there], True
+    return colour, known
+
+
+@pytest.fixture(autouse=True)
+def narrow_edges(monkeypatch: pytest.MonkeyPatch):
+    """Of a frame of 32 pixels; the true mask needs no margin, and covers a third of the frame."""
+    monkeypatch.setattr(removal_module, "GROWN", 4.0)
+    monkeypatch.setattr(removal_module, "FEATHER", 4.0)
+
+
+def tracker(static: float = 1.0):
+    return TrueTracker(static)
+
+
+def test_the_scene_behind_the_square_is_what_other_frames_show():
+    frames = sliding_square().frames
+    (made,) = remove_objects(tracker(), frames, [FRAME])
+    expected, known = scene_of(FRAME)
+    behind = square_mask(FRAME) & known
+    assert behind.sum() > 100  # of 144
+    apart = np.abs(made[behind].astype(float) - expected[behind]).max(axis=1)
+    assert np.quantile(apart, 0.9) <= 2  # rounding and interpolation; next to the masks' edges less is known
+    assert np.abs(frames[FRAME][behind].astype(float) - expected[behind]).mean() > 20  # there was something to remove
+
+
+def test_far_from_the_square_the_clip_s_own_pixels_stay():
+    frames = sliding_square().frames
+    (made,) = remove_objects(tracker(), frames, [FRAME])
+    far = Objects(tracker()).share(FRAME) == 0
+    assert far.sum() > SIZE * SIZE / 3
+    np.testing.assert_array_equal(made[far], frames[FRAME][far])
+
+
+def test_exposure_does_not_show():
+    """Every frame brighter than the one before: the colours that are carried are those of the frame made."""
+    frames = sliding_square().frames // 2
+    plain = next(remove_objects(tracker(), frames, [FRAME]))
+    brighter = frames + (10 * np.arange(FRAMES, dtype=np.uint8))[:, None, None, None]
+    made = next(remove_objects(tracker(), brighter, [FRAME]))
+    np.testing.assert_allclose(made.astype(int) - 10 * FRAME, plain, atol=2)
+
+
+def test_the_share_falls_from_the_object_outwards():
+    share = Objects(tracker()).share(FRAME)
+    mask = square_mask(FRAME)
+    assert (share[mask] == 1).all()
+    row, right = 16, np.flatnonzero(mask[16])[-1]
+    assert (np.diff(share[row, right:]) <= 0).all()
+    assert share[row, right + 3] == 0  # 8 of 256 pixels are 1 of 32
+
+
+def test_what_no_frame_shows_is_continued_and_then_carried_on():
+    """Two frames: the square hides most of the same scene in both."""
+    frames = sliding_square().frames[:2].copy()
+    model = tracker()
+    motion, objects = follow_scene(model), Objects(model)
+    behind = propagate(frames, 0, motion, objects)
+    unknown = np.isnan(behind).any(-1) & (objects.share(0) > 0)
+    assert unknown.any()
+    assert np.isnan(behind[objects.share(0) == 0]).all()
+    first, second = remove_objects(model, frames, [0, 1])
+    inner = unknown & (objects.share(0) == 1) & np.roll(square_mask(1), 1, axis=1)
+    inner &= np.roll(np.isnan(propagate(frames, 1, motion, objects)).any(-1), 1, axis=1)
+    assert inner.any()
+    places = np.argwhere(inner)
+    np.testing.assert_allclose(
+        second[places[:, 0], places[:, 1] - 1].astype(int), first[places[:, 0], places[:, 1]], atol=2
+    )
+
+
+def test_nothing_moves_nothing_changes(monkeypatch: pytest.MonkeyPatch):
+    model = tracker()
+    sample = model.sample
+    monkeypatch.setattr(model, "sample", lambda queries: sample(np.asarray(queries) * [1, 0, 0] + [0, 31, 0]))
+    frames = sliding_square().frames
+    for frame, made in enumerate(remove_objects(model, frames, range(FRAMES))):
+        np.testing.assert_array_equal(made, frames[frame])
+
+
+def test_a_model_without_a_static_scene():
+    with pytest.raises(RenderError, match="holds nothing in sliding to be static"):
+        next(remove_objects(tracker(0.0), sliding_square().frames, [0]))

@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from decomo_runtime import Tracker, Tracks, removal, scene_motion
+from decomo_runtime.pictures import flattened
+from decomo_runtime.render_cli import main
+from decomo_runtime.rendering import LAYERS
+from decomotion.clip import read_clip
+from tiny_fit import FRAMES, SIZE
+from tiny_model import write_tiny_model
+from true_tracker import TrueTracker
+
+NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
+
+
+def run(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+def read_png(path: Path) -> np.ndarray:
+    """RGB or RGBA, as it was stored."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image[..., [2, 1, 0, *range(3, image.shape[2])]]
+
+
+def frames_of(path: Path, layout: str = "rgb24") -> list[np.ndarray]:
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format=layout) for frame in container.decode(video=0)]
+
+
+def test_a_layer_as_a_video(model_path: Path, tracker: Tracker, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "new" / "fused.mp4"
+    assert run(model_path, "--out", out) == 0
+    with av.open(str(out)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert (stream.width, stream.height, float(stream.average_rate or 0)) == (WIDTH, HEIGHT, 12.5)
+    frames = frames_of(out)
+    assert len(frames) == NUM_FRAMES
+    for number, frame in enumerate(frames):
+        apart = np.abs(frame.astype(int) - tracker.render(number))
+        assert apart.mean() < 3  # lossy, and colours at half the resolution
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == ["fused of slide, 6 frames", f"wrote {out}"]
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):
+    assert run(model_path, "--layer", "dynamic", "--frames", "2:4", "--out", tmp_path / "objects") == 0
+    assert sorted(path.name for path in (tmp_path / "objects").iterdir()) == ["00002.png", "00003.png"]
+    image = read_png(tmp_path / "objects" / "00003.png")
+    np.testing.assert_array_equal(image, tracker.render(3, "dynamic"))
+    assert image[0, 0, 3] == round(255 * (1 - 3 / NUM_FRAMES))  # the tiny model's confidence is t / T
+
+
+@pytest.mark.parametrize(("suffix", "decoder"), [(".webm", "libvpx-vp9"), (".mov", "prores")])
+def test_objects_as_a_video_with_alpha(model_path: Path, tmp_path: Path, suffix: str, decoder: str):
+    """Decoded by the library's own decoder: FFmpeg's own of VP9 leaves alpha out."""
+    out = tmp_path / f"objects{suffix}"
+    assert run(model_path, "--layer", "dynamic", "--out", out) == 0
+    with av.open(str(out)) as container:
+        stream = container.streams.video[0]
+        context = av.CodecContext.create(decoder, "r")
+        context.extradata = stream.codec_context.extradata
+        context.codec_tag = stream.codec_context.codec_tag
+        frames = [frame for packet in container.demux(stream) for frame in context.decode(packet)]
+    assert len(frames) == NUM_FRAMES
+    for number, frame in enumerate(frames):
+        alpha = frame.to_ndarray(format="rgba")[..., 3].astype(int)
+        assert np.abs(alpha - 255 * (1 - number / NUM_FRAMES)).max() <= 3
+
+
+def test_objects_on_chequers_where_there_is_no_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):
+    out = tmp_path / "objects.mp4"
+    assert run(model_path, "--layer", "dynamic", "--out", out) == 0
+    expected = flattened(tracker.render(4, "dynamic"))
+    assert np.abs(frames_of(out)[4].astype(int) - expected).mean() < 4
+
+
+def test_all_layers_in_folders(model_path: Path, tracker: Tracker, tmp_path: Path):
+    out = tmp_path / "all"
+    out.mkdir()  # an empty folder is no obstacle
+    assert run(model_path, "--layer", "all", "--frames", "0:2", "--size", "24", "--out", out) == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(LAYERS)
+    for layer in LAYERS:
+        assert sorted(path.name for path in (out / layer).iterdir()) == ["00000.png", "00001.png"]
+        np.testing.assert_array_equal(read_png(out / layer / "00001.png"), tracker.render(1, layer, long_side=24))
+    assert list(tmp_path.glob(".*")) == []
+
+
+def test_all_layers_side_by_side(model_path: Path, tracker: Tracker, tmp_path: Path):
+    out = tmp_path / "all.mp4"
+    assert run(model_path, "--layer", "all", "--out", out) == 0
+    frame = frames_of(out)[1].astype(int)
+    assert frame.shape == (2 * HEIGHT, 3 * WIDTH, 3)
+    assert np.abs(frame[HEIGHT:, :WIDTH] - tracker.render(1, "mask")).mean() < 3
+
+
+def test_an_odd_size_becomes_even(model_path: Path, tmp_path: Path):
+    assert run(model_path, "--size", "21", "--out", tmp_path / "a.mp4") == 0
+    assert frames_of(tmp_path / "a.mp4")[0].shape == (18, 22, 3)
+
+
+@pytest.mark.parametrize("trails", ["image", "camera"])
+def test_tracks_on_a_layer(
+    model_path: Path, tracker: Tracker, tmp_path: Path, trails: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
+    tracker.track([(0, 10, 10), (0, 30, 20)]).save(tmp_path / "tracks.npz")
+    arguments = ["--layer", "dynamic", "--overlay", tmp_path / "tracks.npz", "--trails", trails, "--mark", "cross"]
+    assert run(model_path, *arguments, "--frames", "3:6", "--out", tmp_path / "drawn") == 0
+    assert run(model_path, "--layer", "dynamic", "--frames", "3:6", "--out", tmp_path / "plain") == 0
+    assert [path.name for path in sorted((tmp_path / "drawn").iterdir())] == ["00003.png", "00004.png", "00005.png"]
+    drawn = read_png(tmp_path / "drawn" / "00003.png")
+    assert drawn.shape == (11 * HEIGHT, 11 * WIDTH, 3)
+    x, y = (int((place + 0.5) * 11) for place in (10 + 3 * 1.5, 10 - 3 * 0.5))
+    assert np.ptp(drawn[y, x].astype(int)) > 100  # the point's colour
+
+
+def test_the_clip_without_its_objects(
+    tiny_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    model = write_tiny_model(tmp_path / "model.onnx", num_frames=FRAMES, height=SIZE, width=SIZE)
+    true = TrueTracker()
+    monkeypatch.setattr(Tracker, "sample", lambda self, queries: true.sample(queries))
+    monkeypatch.setattr(Tracker, "track", lambda self, queries: true.track(queries))
+    arguments = [model, "--remove-objects", "--clip", tiny_clip]
+    assert run(*arguments, "--out", tmp_path / "removed.mp4") == 0
+    assert len(frames_of(tmp_path / "removed.mp4")) == FRAMES
+    assert run(*arguments, "--frames", "3:5", "--out", tmp_path / "removed") == 0
+    expected = removal.remove_objects(true, read_clip(tiny_clip).frames, [3, 4])
+    for number, frame in zip((3, 4), expected, strict=True):
+        np.testing.assert_array_equal(read_png(tmp_path / "removed" / f"{number:05d}.png"), frame)
+    assert "without objects of tiny, 2 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--layer", "sky"], "Invalid value for '--layer'"),
+        (["--frames", "4:9"], "--frames 4:9 must select frames within 0:6"),
+        (["--size", "0"], "must have a whole number of pixels, got 0"),
+        (["--remove-objects"], "--remove-objects and --clip go together"),
+        (["--clip", "slide"], "--remove-objects and --clip go together"),
+        (["--remove-objects", "--clip", "slide", "--layer", "mask"], "leave out --layer and --size"),
+        (["--remove-objects", "--clip", "slide", "--size", "9"], "leave out --layer and --size"),
+        (["--remove-objects", "--clip", "no"], "no does not exist"),
+        (["--mark", "cross"], "--mark and --trails say how an --overlay is drawn"),
+        (["--trails", "camera"], "--mark and --trails say how an --overlay is drawn"),
+        (["--overlay", "no.npz"], "no.npz is not an npz file of tracks"),
+        (["--overlay", "some.npz"], "some.npz lacks frame 0 of 6"),
+        (["--out", "a.avi"], "--out a.avi must end in .mp4 or .webm or .mov"),
+        (["--out", "slide"], "--out slide exists already"),
+        (["--out", "model.onnx/a"], "is not a folder that you may write to"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(
+    model_path: Path,
+    tracker: Tracker,
+    clip_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sentence: str,
+):
+    folder = clip_path.parent
+    monkeypatch.chdir(folder)
+    tracker.track([(0, 10, 10)], [2, 3]).save("some.npz")
+    before = sorted(folder.rglob("*"))
+    assert run("model.onnx", "--out", "new", *arguments) == 2
+    printed = capsys.readouterr()
+    assert sentence in printed.err
+    assert printed.out == ""
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_clip_that_is_not_the_models(model_path: Path, tiny_clip: Path, capsys: pytest.CaptureFixture[str]):
+    assert run(model_path, "--remove-objects", "--clip", tiny_clip, "--out", model_path.parent / "new") == 2
+    assert "the clip sliding has 8 frames of 32x32 but the model was fitted to slide" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("out", ["new", "new.mp4"])
+def test_a_model_without_a_static_scene(
+    model_path: Path, clip_path: Path, out: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 1.0)
+    assert run(model_path, "--remove-objects", "--clip", clip_path, "--out", model_path.parent / out) == 2
+    assert "holds nothing in slide to be static" in capsys.readouterr().err
+    assert sorted(path.name for path in model_path.parent.iterdir()) == ["model.onnx", "slide"]
+
+
+def test_the_video_does_not_replace_the_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(b"a precious video")
+    assert run(model_path, "--remove-objects", "--clip", clip, "--out", clip) == 2
+    assert "would replace the clip" in capsys.readouterr().err
+    assert clip.read_bytes() == b"a precious video"
+
+
+def test_an_interrupted_rendering_leaves_nothing(model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    sample = Tracker.sample
+
+    def interrupted(self: Tracker, queries: np.ndarray) -> object:
+        if queries[0, 0] == 2:
+            raise KeyboardInterrupt
+        return sample(self, queries)
+
+    monkeypatch.setattr(Tracker, "sample", interrupted)
+    for out in ("a.mp4", "a"):
+        assert run(model_path, "--out", tmp_path / out) == 130
+    assert list(tmp_path.iterdir()) == [model_path]
+
+
+def test_tracks_of_a_longer_clip_are_refused(
+    model_path: Path, tracker: Tracker, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    tracks = tracker.track([(0, 10, 10)])
+    longer = Tracks(tracks.xy, tracks.occluded, tracks.occlusion, tracks.queries, tracks.frames + 1)
+    longer.save(tmp_path / "tracks.npz")
+    overlay = ["--overlay", tmp_path / "tracks.npz", "--frames", "1:3"]
+    assert run(model_path, *overlay, "--out", tmp_path / "new") == 2
+    assert "tracks.npz has a frame 6 of 6; give tracks of this model" in capsys.readouterr().err

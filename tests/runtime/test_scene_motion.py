@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from decomo_runtime import RenderError, Tracks
+from decomo_runtime.scene_motion import SceneMotion, follow_scene, interpolate
+from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE
+from true_tracker import TrueTracker
+
+TURN = np.array([[0.98, -0.1, 9.0], [0.1, 0.98, -5.0], [2e-4, 1e-4, 1.0]])
+"""A homography of a 96x64 image."""
+
+
+def moved(xy: np.ndarray) -> np.ndarray:
+    if xy.size == 0:
+        return xy
+    return cv2.perspectiveTransform(xy.reshape(1, -1, 2).astype(np.float64), TURN).reshape(xy.shape)
+
+
+def two_frames(points: int = 300, wrong: int = 0, hidden: bool = False) -> SceneMotion:
+    """Points of a 96x64 image moved by `TURN`; the last `wrong` of them elsewhere."""
+    random = np.random.default_rng(0)
+    here = random.uniform(0, (96, 64), (points, 2))
+    there = moved(here)
+    there[points - wrong :] += random.uniform(-30, 30, (wrong, 2))
+    xy = np.stack([here, there], axis=1).astype(np.float32)
+    occluded = np.zeros((points, 2), bool)
+    occluded[:, 1] = hidden
+    queries = np.concatenate([np.zeros((points, 1)), here], axis=1).astype(np.float32)
+    return SceneMotion(Tracks(xy, occluded, occluded.astype(np.float32), queries, np.arange(2)), 64, 96)
+
+
+@pytest.mark.parametrize("wrong", [0, 60])
+def test_a_plane_is_carried_exactly_and_wrong_tracks_do_not_matter(wrong: int):
+    motion = two_frames(wrong=wrong)
+    places = np.array([[[10.0, 10.0], [90.0, 5.0]], [[40.0, 60.0], [-20.0, 70.0]]])  # inside and outside
+    np.testing.assert_allclose(motion.carry(places, 0, 1), moved(places), atol=0.05)  # smoothing of float32
+    np.testing.assert_allclose(motion.carry(moved(places), 1, 0), places, atol=0.1)
+    field = motion.field(0, 1)
+    assert field.shape == (64, 96, 2)
+    np.testing.assert_allclose(field[20, 70], moved(np.array([70.0, 20.0])), atol=0.05)
+
+
+def test_parallax_is_interpolated_where_points_are_missing():
+    """A bump on the plane, and a hole in the points across its flank, as an object makes one."""
+    random = np.random.default_rng(0)
+    here = random.uniform(0, (96, 64), (1500, 2))
+    here = here[np.abs(here - [30, 30]).max(axis=1) > 6]
+
+    def bumped(xy: np.ndarray) -> np.ndarray:
+        height = 3 * np.exp(-((xy - [48, 32]) ** 2).sum(axis=-1, keepdims=True) / (2 * 15**2))
+        return moved(xy) + height * [1, 0.5]
+
+    xy = np.stack([here, bumped(here)], axis=1).astype(np.float32)
+    queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
+    seen = np.zeros((len(here), 2), bool)
+    motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+    places = np.array([[48.0, 32.0], [30.0, 30.0], [70.0, 40.0], [10.0, 60.0]])
+    assert np.abs(moved(places) - bumped(places)).max() > 2
+    np.testing.assert_allclose(motion.carry(places, 0, 1), bumped(places), atol=0.6)  # smoothed over two cells of 3
+
+
+def test_a_frame_and_itself():
+    motion = two_frames(points=0)
+    assert motion.knows(1, 1)
+    np.testing.assert_array_equal(motion.carry([(3.0, 4.0)], 1, 1), [(3, 4)])
+
+
+@pytest.mark.parametrize("motion", [two_frames(points=5), two_frames(hidden=True), two_frames(points=0)])
+def test_too_few_common_points_tell_nothing(motion: SceneMotion):
+    assert not motion.knows(0, 1)
+    assert np.isnan(motion.carry([(3.0, 4.0)], 0, 1)).all()
+
+
+def test_places_that_are_no_numbers_or_far_away():
+    places = np.array([[np.nan, 1.0], [1e9, 3.0], [5.0, 5.0]])
+    carried = two_frames().carry(places, 0, 1)
+    assert np.isnan(carried[0]).all()
+    np.testing.assert_allclose(carried[2], moved(places[2]), atol=0.05)
+    assert two_frames().carry(np.empty((0, 2)), 0, 1).shape == (0, 2)
+
+
+def test_many_places_at_once_are_as_one_by_one():
+    """More than cv2.remap takes in one piece."""
+    places = np.random.default_rng(1).uniform(0, 64, (70_000, 2))
+    motion = two_frames()
+    carried = motion.carry(places, 0, 1)
+    for row in (0, 29_999, 30_000, 69_999):
+        np.testing.assert_allclose(carried[row], motion.carry(places[row], 0, 1), atol=1e-6)
+
+
+def test_the_scene_behind_the_square_moves_with_the_scene():
+    motion = follow_scene(TrueTracker())
+    field = motion.field(3, 5)
+    expected = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), axis=-1) + 2 * SCENE_VELOCITY
+    np.testing.assert_allclose(field, expected, atol=0.05)
+    assert all(motion.knows(0, frame) for frame in range(FRAMES))
+
+
+def test_a_model_without_a_static_scene():
+    with pytest.raises(RenderError, match=r"sliding\.onnx holds nothing in sliding to be static"):
+        follow_scene(TrueTracker(static=0.3))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (16, 16), (13, 29)])
+def test_interpolate_keeps_what_is_known_and_stays_within_it(shape: tuple[int, int]):
+    random = np.random.default_rng(0)
+    values = random.random((*shape, 2)).astype(np.float32)
+    weight = (random.random(shape) < 0.3).astype(np.float32)
+    weight[0, 0] = 1
+    known = weight == 1
+    filled = interpolate(np.where(known[..., None], values, 99), weight)
+    np.testing.assert_array_equal(filled[known], values[known])
+    assert filled.max() <= values[known].max() + 1e-5
+    assert filled.min() >= values[known].min() - 1e-5
+    np.testing.assert_allclose(interpolate(np.full((*shape, 2), 3, np.float32), weight), 3, atol=1e-5)

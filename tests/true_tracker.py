@@ -1,0 +1,45 @@
+"""A tracker that knows the sliding square: what a perfect model would answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime import Appearance, ModelFacts, Tracks
+from tiny_fit import FRAMES, SIZE, SQUARE, SQUARE_START, SQUARE_VELOCITY, on_square, true_target
+
+
+class TrueTracker:
+    """Answers as `decomo_runtime.Tracker` does; `static`: what `static_confidence` is off the square."""
+
+    facts = ModelFacts("sliding", FRAMES, SIZE, SIZE, 24.0, "cpu", 0.5)
+    num_frames, height, width, fps, clip_name = FRAMES, SIZE, SIZE, 24.0, "sliding"
+    path = Path("sliding.onnx")
+
+    def __init__(self, static: float = 1.0) -> None:
+        self.static = static
+
+    def sample(self, queries: npt.ArrayLike) -> Appearance:
+        queries = np.asarray(queries, np.float32)
+        confidence = np.where(on_square(queries[:, 1:], queries[:, 0]), 0, self.static).astype(np.float32)
+        grey = np.full((len(queries), 3), 0.5, np.float32)
+        return Appearance(grey, grey, grey, confidence, np.ones(len(queries), np.float32))
+
+    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
+        queries = np.asarray(queries, np.float32)
+        frames = np.arange(FRAMES) if frames is None else np.asarray(frames)
+        start, t = queries[:, None, 1:], queries[:, :1]
+        xy = true_target(start, t, frames[None]).astype(np.float32)
+        covered = on_square(xy, frames[None]) & ~on_square(start, t)
+        occluded = covered | (xy < -0.5).any(-1) | (xy > SIZE - 0.5).any(-1)
+        return Tracks(xy, occluded, occluded.astype(np.float32), queries, frames)
+
+
+def square_mask(frame: int) -> npt.NDArray[np.bool_]:
+    """[H, W]: where the square is in `frame`."""
+    x, y = (SQUARE_START + frame * SQUARE_VELOCITY).astype(int)
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[y : y + SQUARE, x : x + SQUARE] = True
+    return mask
