@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         RuntimeInputError,
         SessionError,
         TracksFileError,
+        ViewError,
     )
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.tracker import Appearance, Tracker
@@ -37,6 +38,7 @@ __all__ = [
     "Tracker",
     "Tracks",
     "TracksFileError",
+    "ViewError",
 ]
 
 _HOMES = {"Appearance": "tracker", "ModelFacts": "model_file", "Tracker": "tracker", "Tracks": "tracks"}

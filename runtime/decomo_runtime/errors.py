@@ -27,3 +27,7 @@ class TracksFileError(RuntimeInputError):
 
 class OverlayError(RuntimeInputError):
     """The clip given for the overlay is not the one that the model was fitted to."""
+
+
+class ViewError(RuntimeInputError):
+    """The page cannot be served at that port, or written to that folder."""
