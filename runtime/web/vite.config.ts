@@ -9,7 +9,7 @@ const here = import.meta.dirname;
 const page = join(here, "..", "decomo_runtime", "view", "page");
 const require = createRequire(import.meta.url);
 
-/** The files that decide the page, in order of their paths; `tests/runtime/view/test_page.py` reads the same list. */
+/** The files that decide the page, in order of their paths; `tests/runtime/test_view_page.py` reads the same list. */
 function sources(): string[] {
   const named = ["index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts"];
   const inSource = readdirSync(join(here, "src"), { recursive: true, withFileTypes: true })

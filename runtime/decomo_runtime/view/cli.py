@@ -28,17 +28,15 @@ def view(model: Path, clip_path: Path | None, export_folder: Path | None, port: 
     import tempfile
 
     from decomo_runtime.view.server import make_server
-    from decomo_runtime.view.site import export_site, read_model, write_site
-    from decomotion.clip import read_clip
+    from decomo_runtime.view.site import export_site, read_inputs, write_site
 
-    facts = read_model(model)
-    clip = None if clip_path is None else read_clip(clip_path)
+    facts, clip = read_inputs(model, clip_path)
     if export_folder is not None:
-        export_site(export_folder, model, facts, clip)
+        export_site(export_folder, model, clip)
         click.echo(f"wrote {export_folder}")
         return
     with tempfile.TemporaryDirectory(prefix="decomo-view-") as folder, make_server(Path(folder), port) as server:
-        write_site(Path(folder), model, facts, clip)
+        write_site(Path(folder), model, clip)
         address = f"http://{server.server_address[0]}:{server.server_address[1]}/"
         click.echo(f"{facts.clip_name} at {address} (Ctrl-C ends)")
         if browser:

@@ -12,7 +12,7 @@ import cv2
 from decomo_runtime.errors import ViewError
 from decomo_runtime.model_file import ModelFacts, open_session, read_facts
 from decomo_runtime.overlay import check_clip
-from decomotion.clip import Clip
+from decomotion.clip import Clip, read_clip
 
 PAGE = Path(__file__).parent / "page"
 MODEL_NAME = "model.onnx"
@@ -21,15 +21,22 @@ SITE_NAME = "site.json"
 _JPEG_QUALITY = 92
 
 
-def read_model(path: Path) -> ModelFacts:
-    """The facts of the model at `path`; `ModelFileError` where it is not one that runs."""
-    return read_facts(open_session(path), path)
+def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip | None]:
+    """The facts of the model and the clip, both checked.
+
+    Raises `ModelFileError` where the model is not one that runs, `ClipError` where the clip cannot be read and
+    `OverlayError` where it is not the one that the model was fitted to.
+    """
+    facts = read_facts(open_session(model), model)
+    if clip_path is None:
+        return facts, None
+    clip = read_clip(clip_path)
+    check_clip(clip, facts)
+    return facts, clip
 
 
-def write_site(folder: Path, model: Path, facts: ModelFacts, clip: Clip | None) -> None:
-    """Fills `folder`, which must exist and be empty; `OverlayError` where `clip` is not the one of the model."""
-    if clip is not None:
-        check_clip(clip, facts)
+def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
+    """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`."""
     shutil.copytree(PAGE, folder, dirs_exist_ok=True)
     shutil.copyfile(model, folder / MODEL_NAME)
     frames = [] if clip is None else _write_frames(folder / "clip", clip)
@@ -37,7 +44,7 @@ def write_site(folder: Path, model: Path, facts: ModelFacts, clip: Clip | None) 
     (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
 
 
-def export_site(folder: Path, model: Path, facts: ModelFacts, clip: Clip | None) -> None:
+def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
     """Makes `folder`, whole or not at all; `ViewError` where something is there that would be lost."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ViewError(f"--export {folder} is there and not an empty folder; give the name of a new one")
@@ -46,7 +53,7 @@ def export_site(folder: Path, model: Path, facts: ModelFacts, clip: Clip | None)
     temporary = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
     try:
         temporary.mkdir()
-        write_site(temporary, model, facts, clip)
+        write_site(temporary, model, clip)
         if folder.exists():
             folder.rmdir()
         temporary.replace(folder)

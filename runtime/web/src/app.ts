@@ -41,7 +41,7 @@ export class App {
     });
   }
 
-  /** Opens a model; the former one, its clip and its points go. */
+  /** Opens a model; the former one and its points go, and the clip where it is not the new model's. */
   async openModel(bytes: ArrayBuffer, name: string): Promise<void> {
     const turn = ++this.opening;
     this.view.loading(`Opening ${name} …`);
@@ -53,17 +53,21 @@ export class App {
       }
       this.model?.close();
       this.renderer?.close();
-      this.clip?.close();
-      this.clip = undefined;
       this.model = model;
-      this.renderer = new LayerRenderer(model.facts, (queries) => model.render(queries), (frame) => this.onPicture(frame));
+      this.renderer = new LayerRenderer(
+        model.facts,
+        (queries) => model.render(queries),
+        (frame) => this.onPicture(frame),
+        (error) => this.view.alert(error),
+      );
       this.points.reset();
       this.selected = undefined;
       this.player.load(model.facts.numFrames, model.facts.fps);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
-      this.layer = "fused";
       this.split = undefined;
-      this.view.opened(model, false);
+      this.keepClip();
+      this.layer = this.clip ? "clip" : "fused";
+      this.view.opened(model, this.clip !== undefined);
       void model.tryWebgpu(bytes).then(() => this.view.opened(model, this.clip !== undefined));
     } finally {
       if (turn === this.opening) this.view.loading(undefined);
@@ -168,6 +172,18 @@ export class App {
     this.layer = layer;
     this.view.layers(LAYERS, this);
     this.show();
+  }
+
+  private keepClip(): void {
+    const facts = this.model?.facts;
+    if (this.clip === undefined || facts === undefined) return;
+    try {
+      this.clip.check(facts);
+    } catch (error) {
+      this.clip.close();
+      this.clip = undefined;
+      this.view.alert(error);
+    }
   }
 
   private setClip(clip: Clip): void {

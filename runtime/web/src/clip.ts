@@ -27,6 +27,11 @@ export class Clip {
     this.room = Math.max(2 * AHEAD, Math.floor(CACHE_BYTES / (4 * facts.width * facts.height)));
   }
 
+  /** `InputError` where it is not the clip of another model. */
+  check(facts: ModelFacts): void {
+    checkClip("the clip", this.length, this.facts, facts);
+  }
+
   /** Opens image files as a clip, in natural order; `InputError` where they are not the clip of the model. */
   static async fromFiles(
     files: readonly File[],

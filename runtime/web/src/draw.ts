@@ -18,11 +18,11 @@ export interface Scene {
 }
 
 const TAU = 2 * Math.PI;
-const HIDDEN_INK = 0.35;
+const HIDDEN_INK = 0.4;
 const RIM = "rgb(0 0 0 / 60%)";
 
 /** Radius of a mark for a canvas with this longer side, both in canvas pixels. */
-export const markRadius = (longer: number): number => Math.min(14, Math.max(3.5, longer / 160));
+export const markRadius = (longer: number): number => Math.min(14, Math.max(4.5, longer / 120));
 
 /** Fills the canvas, whose whole area is the image's. */
 export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D, scene: Scene): void {
@@ -94,8 +94,8 @@ function drawMark(context: Context, { id, track, colour }: Point, scene: Scene, 
     context.stroke();
   }
   if (hidden) {
-    for (const [ink, width] of [[RIM, 0.75], [colour, 0.4]] as const) {
-      circle(radius);
+    for (const [ink, width] of [[RIM, 0.9], [colour, 0.45]] as const) {
+      circle(1.15 * radius);
       context.strokeStyle = ink;
       context.lineWidth = radius * width;
       context.stroke();

@@ -68,12 +68,13 @@ export class LayerRenderer {
     private readonly facts: ModelFacts,
     private readonly render: (queries: Float32Array) => Promise<Appearance>,
     private readonly onRaster: (frame: number) => void,
+    private readonly onError: (error: unknown) => void,
   ) {}
 
   /** The finest raster of `frame` so far; asks for a finer one. */
   get(frame: number): Raster | undefined {
     this.shown = frame;
-    if (!this.running) void this.run();
+    if (!this.running && !this.closed) void this.run();
     return this.finished.get(frame);
   }
 
@@ -97,7 +98,8 @@ export class LayerRenderer {
         await this.make(work.frame, work.level, () => work.level === 0 || this.shown === shown);
       }
     } catch (error) {
-      if (!this.closed) throw error;
+      if (!this.closed) this.onError(error);
+      this.closed = true;
     } finally {
       this.running = false;
     }

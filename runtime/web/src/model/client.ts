@@ -60,6 +60,7 @@ const startWebgpu = (): Runner => new Runner(new Worker(new URL("./webgpu.ts", i
 export class Model {
   /** What renders the layers. */
   backend: Backend = "wasm";
+  private closed = false;
 
   private constructor(
     readonly facts: ModelFacts,
@@ -119,6 +120,7 @@ export class Model {
       await gpu.ask("render", { queries: probe }); // the first run compiles the shaders
       const [fast, slow] = [await timed(() => gpu.ask("render", { queries: probe })), await timed(() => this.render(probe))];
       if (fast.seconds > MIN_GAIN * slow.seconds || !agree(fast.value, slow.value)) throw new Error("no gain");
+      if (this.closed) throw new Error("closed meanwhile");
       this.renderer = gpu;
       this.backend = "webgpu";
     } catch {
@@ -127,6 +129,7 @@ export class Model {
   }
 
   close(): void {
+    this.closed = true;
     this.renderer.close();
     this.wasm.close();
   }

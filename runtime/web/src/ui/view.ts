@@ -77,7 +77,7 @@ export class View {
     const threads = `${model.threads} thread${model.threads === 1 ? "" : "s"}`;
     const layers = model.backend === "webgpu" ? ", layers on WebGPU" : "";
     element("facts", HTMLParagraphElement).textContent =
-      `${clipName} · ${numFrames} frames of ${width}×${height} · ${preset} · WebAssembly, ${threads}${layers}` +
+      `${clipName} · ${numFrames} frames of ${width}×${height} · preset ${preset} · WebAssembly, ${threads}${layers}` +
       (hasClip ? "" : " · without its clip");
     document.title = `${clipName} · DecoMotion`;
     this.stage.setImage(model.facts);
