@@ -72,9 +72,11 @@ def test_refuses_another_clip(model_path: Path, clip_path: Path, tmp_path: Path,
 
 
 def test_refuses_a_folder_that_is_not_empty(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    (tmp_path / "thesis.txt").write_text("years of work")
-    assert "not an empty folder" in refusal(capsys, model_path, "--export", tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    folder = tmp_path / "work"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("years of work")
+    assert "not an empty folder" in refusal(capsys, model_path, "--export", folder)
+    assert [path.name for path in folder.iterdir()] == ["thesis.txt"]
 
 
 def test_refuses_a_port_in_use(model_path: Path, capsys: pytest.CaptureFixture[str]):

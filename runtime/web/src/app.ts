@@ -233,7 +233,7 @@ export class App {
   }
 
   private onPoints(): void {
-    if (!this.points.all.some(({ id }) => id === this.selected)) this.selected = undefined;
+    if (!this.points.all.some(({ id }) => id === this.selected)) this.selected = this.points.all.at(-1)?.id;
     this.rows.update(this.selected);
     this.view.points(this.points);
     this.show();

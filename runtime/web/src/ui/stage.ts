@@ -37,12 +37,13 @@ export class Stage {
     canvas.addEventListener("blur", () => this.showCross(false));
   }
 
-  /** Takes the shape of another clip's images. */
+  /** Takes the shape of another clip's images, and forgets what it showed. */
   setImage({ width, height }: Size): void {
     this.image = { width, height };
     this.frame.style.aspectRatio = `${width} / ${height}`;
     this.frame.style.maxWidth = `max(16rem, calc((100vh - 15rem) * ${width / height}))`;
     this.cross = undefined;
+    this.scene = undefined;
     this.fit();
   }
 
