@@ -52,7 +52,9 @@ def test_a_wrong_shape_fails_in_tests():
 def test_readme_begins_with_two_one_line_commands():
     main_job, tests = shell_blocks(README)[0]
     assert "'.[train]'" in main_job
-    assert all(command in main_job for command in COMMANDS if command not in ("decomo-prepare", "decomo-bench", "decomo-view"))
+    assert all(
+        command in main_job for command in COMMANDS if command not in ("decomo-prepare", "decomo-bench", "decomo-view")
+    )
     assert "'.[dev]'" in tests
     assert tests.endswith("pytest")
 

@@ -80,7 +80,7 @@ class Handler(SimpleHTTPRequestHandler):
         return path == root or (path.is_relative_to(root) and path.is_file())
 
     def _own_names(self) -> set[str]:
-        port = self.server.server_address[1]
+        port = str(self.connection.getsockname()[1])
         return {f"{name}:{port}" for name in (HOST, "localhost")}
 
 
