@@ -36,6 +36,29 @@ function runtimeBinary(): Plugin {
   };
 }
 
+const LIBRARIES = {
+  "onnxruntime-web": {
+    text: join(here, "src", "licences", "onnxruntime-web.txt"), // its package holds none
+    source: "https://github.com/microsoft/onnxruntime; notices of what it is built from: ThirdPartyNotices.txt there",
+  },
+  fflate: { text: join(here, "node_modules", "fflate", "LICENSE"), source: "https://github.com/101arrowz/fflate" },
+  mediabunny: { text: join(here, "node_modules", "mediabunny", "LICENSE"), source: "https://github.com/Vanilagy/mediabunny" },
+};
+
+/** `licences.txt`: the libraries that the page contains, unchanged, and where their sources are. */
+function licences(): Plugin {
+  return {
+    name: "licences",
+    generateBundle() {
+      const parts = Object.entries(LIBRARIES).map(([name, { text, source }]) => {
+        const { version, license } = JSON.parse(readFileSync(join(here, "node_modules", name, "package.json"), "utf8"));
+        return `${name} ${version} (${license}), source: ${source}\n\n${readFileSync(text, "utf8").trim()}\n`;
+      });
+      this.emitFile({ type: "asset", fileName: "licences.txt", source: parts.join(`\n${"-".repeat(80)}\n\n`) });
+    },
+  };
+}
+
 /** `build.json`: from which sources the page was built and what came out, so that a test needs no Node to compare. */
 function digests(): Plugin {
   return {
@@ -75,6 +98,6 @@ export default defineConfig({
     rolldownOptions: { output: stableNames },
   },
   worker: { format: "es", rolldownOptions: { output: stableNames } },
-  plugins: [runtimeBinary(), digests()],
+  plugins: [runtimeBinary(), licences(), digests()],
   test: { include: ["test/*.test.ts"] },
 } as Parameters<typeof defineConfig>[0]);

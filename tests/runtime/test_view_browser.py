@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -17,12 +16,14 @@ import pytest
 
 from decomo_runtime import Tracker, Tracks
 from decomo_runtime.cli import main as track_main
+from decomo_runtime.view.cli import main as view_main
+from decomo_runtime.view.site import write_site
 from tiny_model import VELOCITY, write_tiny_model
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened
+from view_page import ViewPage, opened, served
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -261,11 +262,13 @@ def test_foreign_files_get_one_sentence_and_the_page_goes_on(view: ViewPage, cli
     )
     (tmp_path / "text.onnx").write_text("hello")
     (tmp_path / "points.csv").write_text("t,x,y\n0,1,2\n9,1,2\n")
+    (tmp_path / "slide.mp4").write_bytes(b"")
     short = sorted(clip.iterdir())[:-1]
     for files, sentence in (
         ([foreign], "foreign.onnx is an ONNX file but holds no decomotion model"),
         ([tmp_path / "text.onnx"], "text.onnx is not an ONNX file"),
         (short, "5 frames of 48x40 but the model was fitted to slide with 6 frames of 48x40; give that clip"),
+        ([tmp_path / "slide.mp4"], "slide.mp4 is a video; give its frames as images"),
         ([tmp_path / "points.csv"], "point 1 (counted from 0): t is 9"),
     ):
         view.open(*files)
@@ -296,9 +299,7 @@ def test_another_model_and_its_clip_are_opened(chromium: Browser, model: Path, c
 
 def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp_path: Path):
     """`--export` in a subfolder of a host that sends no header of ours, as a phone sees it."""
-    from decomo_runtime.view.cli import main
-
-    assert main([str(model), "--export", str(tmp_path / "web" / "sub")]) == 0
+    assert view_main([str(model), "--export", str(tmp_path / "web" / "sub")]) == 0
     handler = partial(QuietHandler, directory=str(tmp_path / "web"))
     with (
         ThreadingHTTPServer(("127.0.0.1", 0), handler) as server,
@@ -325,11 +326,6 @@ class QuietHandler(SimpleHTTPRequestHandler):
 
 
 def test_old_browser_is_told_what_it_lacks(chromium: Browser, model: Path, tmp_path: Path):
-    from view_page import served
-
-    shutil.copytree(model.parent, tmp_path / "models")
-    from decomo_runtime.view.site import write_site
-
     (tmp_path / "site").mkdir()
     write_site(tmp_path / "site", model, None)
     with served(tmp_path / "site") as address, chromium.new_context() as context:

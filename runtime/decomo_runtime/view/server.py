@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import sys
 from functools import partial
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -48,6 +49,7 @@ class Handler(SimpleHTTPRequestHandler):
         ".json": "application/json",
         ".mjs": "text/javascript; charset=utf-8",
         ".svg": "image/svg+xml",
+        ".txt": "text/plain; charset=utf-8",
         "": "application/octet-stream",
     }
     server_version, sys_version = "decomo-view", ""
@@ -84,10 +86,19 @@ class Handler(SimpleHTTPRequestHandler):
         return {f"{name}:{port}" for name in (HOST, "localhost")}
 
 
+class Server(ThreadingHTTPServer):
+    """Says nothing where a browser hangs up, as one does that reloads the page."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Leaves all other errors to the parent, which prints them."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
 def make_server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
     """A server of `folder` on 127.0.0.1, port 0 meaning any that is free; `ViewError` where `port` is taken."""
     try:
-        return ThreadingHTTPServer((HOST, port), partial(Handler, directory=str(folder)))
+        return Server((HOST, port), partial(Handler, directory=str(folder)))
     except OSError as error:
         if error.errno not in (errno.EADDRINUSE, errno.EACCES):
             raise

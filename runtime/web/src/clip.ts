@@ -97,8 +97,7 @@ export class Clip {
     this.decoded.set(frame, picture);
     for (const oldest of this.decoded.keys()) {
       if (this.decoded.size <= this.room) break;
-      this.decoded.get(oldest)?.close();
-      this.decoded.delete(oldest);
+      this.decoded.delete(oldest); // not closed: it may still be on the stage
     }
   }
 }

@@ -8,6 +8,7 @@ import { download, element } from "./dom";
 import type { View } from "./view";
 
 const IMAGES = /\.(jpe?g|png|webp)$/i;
+const VIDEOS = /\.(mp4|mov|mkv|webm|avi|m4v)$/i;
 
 export function listenToFiles(app: App, view: View): void {
   const input = element("files", HTMLInputElement);
@@ -39,6 +40,9 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
   if (model) await app.openModel(await model.arrayBuffer(), model.name);
   if (images.length > 0) await app.openFrames(images);
   for (const file of others) {
+    if (VIDEOS.test(file.name)) {
+      throw new InputError(`${file.name} is a video; give its frames as images, or start 'decomo-view' with --clip ${file.name}.`);
+    }
     const facts = app.model?.facts;
     if (facts === undefined) throw new InputError(`Open a model before ${file.name}.`);
     await app.addPoints(readPoints(file.name, new Uint8Array(await file.arrayBuffer()), facts));

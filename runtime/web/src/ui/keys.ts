@@ -2,6 +2,7 @@
 
 import type { App } from "../app";
 import { LAYERS } from "../layers";
+import { element } from "./dom";
 
 export function listenToKeys(app: App): void {
   document.addEventListener("keydown", (event) => {
@@ -26,6 +27,7 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   if (event.key === " ") return onButton ? undefined : () => app.player.toggle();
   if (event.key === ",") return () => app.player.step(-1);
   if (event.key === ".") return () => app.player.step(1);
+  if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();
   if (event.key === "Delete") return () => app.removeSelected();
   if (onInput) return undefined;
   const keys: Record<string, () => void> = {
