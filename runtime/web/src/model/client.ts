@@ -140,7 +140,7 @@ async function hasHardwareWebgpu(): Promise<boolean> {
   if (gpu === undefined || !("Suspending" in WebAssembly)) return false;
   const adapter = await gpu.requestAdapter().catch(() => null);
   if (adapter === null) return false;
-  return new URLSearchParams(location.search).has("force-webgpu") || adapter.info?.isFallbackAdapter !== true;
+  return new URLSearchParams(location.search).has("software-webgpu") || adapter.info?.isFallbackAdapter !== true;
 }
 
 async function timed<T>(work: () => Promise<T>): Promise<{ value: T; seconds: number }> {
