@@ -66,7 +66,7 @@ describe("files of points", () => {
     ["p.json", "{", "not JSON"],
     ["p.json", "[]", "no list 'points'"],
     ["p.npz", "PK", "not an npz file"],
-    ["p.txt", "", "not a file of points"],
+    ["p.txt", "", "nothing that this page opens"],
   ])("refuses %s with %j", (name, text, sentence) => {
     expect(() => readPoints(name, bytes(text), FACTS)).toThrow(sentence);
   });

@@ -9,7 +9,7 @@ import { readNpy } from "./npy";
 export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): Draft[] {
   const suffix = name.slice(name.lastIndexOf(".")).toLowerCase();
   const read = { ".csv": readCsv, ".json": readJson, ".npz": readNpz }[suffix];
-  if (read === undefined) throw new InputError(`${name} is not a file of points; give .csv, .json or .npz.`);
+  if (read === undefined) throw new InputError(`${name} is nothing that this page opens; give a model (.onnx), frames (.jpg, .png) or points (.csv, .json, .npz).`);
   const drafts = read(bytes, name);
   drafts.forEach((draft, row) => check(draft, `${name}, point ${row} (counted from 0)`, facts));
   return drafts;
