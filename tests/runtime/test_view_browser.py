@@ -118,6 +118,7 @@ def test_ten_points_rename_delete_undo(view: ViewPage, tmp_path: Path):
     name = view.rows.nth(3).locator("input[type=text]")
     name.fill("left eye")
     name.press("Enter")
+    expect(name).to_be_focused()
     expect(view.rows.nth(3).locator("input[type=text]")).to_have_value("left eye")
     view.rows.nth(4).get_by_role("button").click()
     expect(view.rows).to_have_count(9)
