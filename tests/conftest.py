@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 SHARED = Path(os.environ.get("DECOMO_SHARED", Path(__file__).parents[2] / "shared"))
 
@@ -50,6 +55,21 @@ def tiny_run(tiny_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = [part for override in TINY_CPU for part in ("--set", override)]
     assert main([str(tiny_clip), "--preset", "cpu", "--steps", "20", "--out", str(out), *settings]) == 0
     return out
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    """Debian's Chromium, driven by Playwright; tests that want it are skipped where either is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
+    executable = shutil.which("chromium")
+    if executable is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    quiet = ("quic", "background-networking", "component-update", "sync", "gpu")
+    with playwright.sync_playwright() as driver:
+        arguments = ["--no-sandbox", "--no-first-run", *(f"--disable-{part}" for part in quiet)]
+        browser = driver.chromium.launch(executable_path=executable, args=arguments)
+        yield browser
+        browser.close()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -73,6 +73,10 @@ def test_wheel_holds_packages_configs_and_licence_and_nothing_else(wheel: Path):
     for package in ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval"):
         assert {f"{package}/__init__.py", f"{package}/py.typed"} <= set(names)
     assert {"decomotion/configs/cpu.yaml", "decomotion/configs/paper.yaml"} <= set(names)
+    page = ROOT / "runtime" / "decomo_runtime" / "view" / "page"
+    built = {f"decomo_runtime/view/page/{name}" for name in json.loads((page / "build.json").read_text())["files"]}
+    assert built <= set(names), "users have no Node: the page travels built"
+    assert not [name for name in names if "node_modules" in name]
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     in_tree = {
         file.relative_to(root).as_posix()

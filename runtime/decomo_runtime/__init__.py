@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         RuntimeInputError,
         SessionError,
         TracksFileError,
+        ViewError,
     )
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
@@ -40,6 +41,7 @@ __all__ = [
     "Tracker",
     "Tracks",
     "TracksFileError",
+    "ViewError",
     "remove_objects",
 ]
 

@@ -31,3 +31,7 @@ class OverlayError(RuntimeInputError):
 
 class RenderError(RuntimeInputError):
     """What is to be rendered does not exist, or options of a rendering contradict each other."""
+
+
+class ViewError(RuntimeInputError):
+    """The page cannot be served at that port, or written to that folder."""

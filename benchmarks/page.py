@@ -1,0 +1,83 @@
+"""What a click on the page of `decomo-view` costs, and how far its answers are from the runtime's.
+
+    python benchmarks/page.py goat.onnx goat.mp4
+
+Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
+as many while the model also renders its layers; prints milliseconds from a click to its track on the list.
+"""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import click
+import numpy as np
+from playwright.sync_api import Page, expect, sync_playwright
+
+from decomo_runtime import Tracker, Tracks, ViewError
+from decomo_runtime.view.server import make_server
+from decomo_runtime.view.site import read_inputs, write_site
+from decomotion.console import run
+
+CLICKS = 30
+PATIENCE = 120_000
+FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-background-networking", "--disable-sync")
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("clip", type=click.Path(path_type=Path))
+def main(model: Path, clip: Path) -> None:
+    """Measures the page with MODEL and CLIP."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise ViewError("there is no chromium on the PATH; install it")
+    _, frames = read_inputs(model, clip)
+    with tempfile.TemporaryDirectory() as folder, make_server(Path(folder)) as server, sync_playwright() as driver:
+        write_site(Path(folder), model, frames)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(f"http://127.0.0.1:{server.server_address[1]}/")
+        expect(page.locator("#loading")).to_be_hidden(timeout=PATIENCE)
+        click.echo(f"{page.locator('#facts').text_content()}; Chromium {browser.version}")
+        click.echo(f"a click: {summary(click_times(page))}")
+        page.keyboard.press("2")
+        click.echo(f"while layers are rendered: {summary(click_times(page))}")
+        with page.expect_download() as download:
+            page.locator("[data-save='tracks.npz']").click()
+        tracks = Tracks.load(download.value.path())
+        browser.close()
+        server.shutdown()
+    difference = np.abs(tracks.xy - Tracker(model).track(tracks.queries).xy).max()
+    click.echo(f"{len(tracks.queries)} tracks, at most {difference:.5f} px from the runtime's")
+
+
+def click_times(page: Page) -> list[float]:
+    """Milliseconds of each of `CLICKS` clicks, spread over the picture."""
+    stage, rows = page.locator("#stage"), page.locator("#points li")
+    box = stage.bounding_box()
+    assert box is not None
+    times = []
+    for number in range(CLICKS):
+        count = rows.count()
+        across, down = (0.05 + 0.9 * (number * step % CLICKS) / CLICKS for step in (7, 11))
+        # with Shift, a click near a point places another one
+        stage.click(position={"x": across * box["width"], "y": down * box["height"]}, modifiers=["Shift"])
+        expect(rows).to_have_count(count + 1, timeout=PATIENCE)
+        times.append(float(page.locator("#status").get_attribute("data-milliseconds") or "nan"))
+    return times
+
+
+def summary(times: list[float]) -> str:
+    """Median and slowest."""
+    return f"median {statistics.median(times):.1f} ms, slowest {max(times):.1f} ms"
+
+
+if __name__ == "__main__":
+    sys.exit(run(main))

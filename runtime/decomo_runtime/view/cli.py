@@ -1,0 +1,50 @@
+"""`decomo-view`: shows an exported model in the browser, where one click on a pixel draws its whole path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import click
+
+from decomotion.console import run
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command(context_settings={"show_default": True})
+@click.argument("model", type=_PATH)
+@click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
+@click.option("--export", "export_folder", metavar="DIR", type=_PATH, help="Write the page there and serve nothing.")
+@click.option("--port", metavar="N", type=click.IntRange(0, 65535), default=0, show_default="any that is free")
+@click.option("--browser/--no-browser", default=True, help="Open the page, or only print its address.")
+def view(model: Path, clip_path: Path | None, export_folder: Path | None, port: int, browser: bool) -> None:
+    """Opens a page on which MODEL follows the points that you click.
+
+    MODEL is a file written by decomo-export. The page runs it itself, on this machine and offline; without --clip the
+    model's own rendering is the picture. --export writes a folder that any web host can serve.
+    """
+    import tempfile
+
+    from decomo_runtime.view.server import make_server
+    from decomo_runtime.view.site import export_site, read_inputs, write_site
+
+    facts, clip = read_inputs(model, clip_path)
+    if export_folder is not None:
+        export_site(export_folder, model, clip)
+        click.echo(f"wrote {export_folder}")
+        return
+    with tempfile.TemporaryDirectory(prefix="decomo-view-") as folder, make_server(Path(folder), port) as server:
+        write_site(Path(folder), model, clip)
+        address = f"http://{server.server_address[0]}:{server.server_address[1]}/"
+        click.echo(f"{facts.clip_name} at {address} (Ctrl-C ends)")
+        if browser:
+            click.launch(address)
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs `decomo-view` on `argv` and returns its exit code."""
+    return run(view, argv)

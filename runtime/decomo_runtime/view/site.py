@@ -1,0 +1,71 @@
+"""The folder that a browser needs: the page, the model and, if given, the frames of its clip as JPEG files."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import cv2
+
+from decomo_runtime.errors import ViewError
+from decomo_runtime.model_file import ModelFacts, open_session, read_facts
+from decomo_runtime.overlay import check_clip
+from decomotion.clip import Clip, read_clip
+
+PAGE = Path(__file__).parent / "page"
+MODEL_NAME = "model.onnx"
+SITE_NAME = "site.json"
+"""What the page reads first: `{"model": path, "clip": {"name", "frames": [path, ...]} or null}`."""
+_JPEG_QUALITY = 92
+
+
+def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip | None]:
+    """The facts of the model and the clip, both checked.
+
+    Raises `ModelFileError` where the model is not one that runs, `ClipError` where the clip cannot be read and
+    `OverlayError` where it is not the one that the model was fitted to.
+    """
+    facts = read_facts(open_session(model), model)
+    if clip_path is None:
+        return facts, None
+    clip = read_clip(clip_path)
+    check_clip(clip, facts)
+    return facts, clip
+
+
+def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
+    """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`."""
+    shutil.copytree(PAGE, folder, dirs_exist_ok=True)
+    shutil.copyfile(model, folder / MODEL_NAME)
+    frames = [] if clip is None else _write_frames(folder / "clip", clip)
+    site = {"model": MODEL_NAME, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
+    (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
+
+
+def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
+    """Makes `folder`, whole or not at all; `ViewError` where something is there that would be lost."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ViewError(f"--export {folder} is there and not an empty folder; give the name of a new one")
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    try:
+        temporary.mkdir()
+        write_site(temporary, model, clip)
+        if folder.exists():
+            folder.rmdir()
+        temporary.replace(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _write_frames(folder: Path, clip: Clip) -> list[str]:
+    folder.mkdir()
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]  # 4:4:4
+    names = [f"{folder.name}/{number:05d}.jpg" for number in range(len(clip))]
+    for name, frame in zip(names, clip.frames, strict=True):
+        encoded = cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)[1]
+        (folder.parent / name).write_bytes(encoded.tobytes())
+    return names

@@ -1,0 +1,115 @@
+/** Draws one frame: the picture, or two side by side, and the points on it. The page and the saved video share this. */
+
+import type { Place, Size } from "./geometry";
+import type { Point } from "./points";
+
+export interface Scene {
+  readonly image: Size;
+  readonly frame: number;
+  readonly left: CanvasImageSource | undefined;
+  /** What is shown right of the split. */
+  readonly right?: CanvasImageSource | undefined;
+  /** Where the split is, as a fraction of the width. */
+  readonly split: number;
+  readonly points: readonly Point[];
+  readonly selected: number | undefined;
+  /** Frames of the past that a trail shows. */
+  readonly trail: number;
+}
+
+const TAU = 2 * Math.PI;
+const HIDDEN_INK = 0.4;
+const RIM = "rgb(0 0 0 / 60%)";
+
+/** Radius of a mark for a canvas with this longer side, both in canvas pixels. */
+export const markRadius = (longer: number): number => Math.min(14, Math.max(4.5, longer / 120));
+
+/** Fills the canvas, whose whole area is the image's. */
+export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D, scene: Scene): void {
+  const { width, height } = context.canvas;
+  const [scaleX, scaleY] = [width / scene.image.width, height / scene.image.height];
+  const on = (x: number, y: number): Place => ({ x: (x + 0.5) * scaleX, y: (y + 0.5) * scaleY });
+  context.imageSmoothingEnabled = true;
+  context.imageSmoothingQuality = "high";
+  context.fillStyle = "#000";
+  context.fillRect(0, 0, width, height);
+  if (scene.left) context.drawImage(scene.left, 0, 0, width, height);
+  if (scene.right) drawRight(context, scene.right, scene.split);
+  const radius = markRadius(Math.max(width, height));
+  for (const point of scene.points) drawTrail(context, point, scene, on, radius);
+  for (const hidden of [true, false]) {
+    for (const point of scene.points) {
+      if (point.track.occluded[scene.frame] === hidden) drawMark(context, point, scene, on, radius);
+    }
+  }
+}
+
+type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
+
+function drawRight(context: Context, picture: CanvasImageSource, split: number): void {
+  const { width, height } = context.canvas;
+  const x = Math.round(split * width);
+  context.save();
+  context.beginPath();
+  context.rect(x, 0, width - x, height);
+  context.clip();
+  context.drawImage(picture, 0, 0, width, height);
+  context.restore();
+  context.fillStyle = "#fff";
+  context.fillRect(x - 1, 0, 2, height);
+}
+
+type ToCanvas = (x: number, y: number) => Place;
+
+/** A line through the last frames, fading into the past, faint where the point is hidden. */
+function drawTrail(context: Context, { track, colour }: Point, scene: Scene, on: ToCanvas, radius: number): void {
+  context.strokeStyle = colour;
+  context.lineWidth = Math.max(1.5, 0.5 * radius);
+  context.lineCap = "round";
+  const first = Math.max(0, scene.frame - scene.trail);
+  for (let frame = first; frame < scene.frame; frame++) {
+    const hidden = track.occluded[frame] === true || track.occluded[frame + 1] === true;
+    context.globalAlpha = (1 - (scene.frame - 1 - frame) / Math.max(1, scene.trail)) * (hidden ? HIDDEN_INK : 0.9);
+    const [a, b] = [placeOf(track.xy, frame, on), placeOf(track.xy, frame + 1, on)];
+    context.beginPath();
+    context.moveTo(a.x, a.y);
+    context.lineTo(b.x, b.y);
+    context.stroke();
+  }
+  context.globalAlpha = 1;
+}
+
+/** A disc where the point is in sight, a ring where it is hidden. */
+function drawMark(context: Context, { id, track, colour }: Point, scene: Scene, on: ToCanvas, radius: number): void {
+  const { x, y } = placeOf(track.xy, scene.frame, on);
+  const hidden = track.occluded[scene.frame] === true;
+  const circle = (size: number): void => {
+    context.beginPath();
+    context.arc(x, y, size, 0, TAU);
+  };
+  if (scene.selected === id) {
+    circle(radius + 4);
+    context.strokeStyle = "#fff";
+    context.lineWidth = 2;
+    context.stroke();
+  }
+  if (hidden) {
+    for (const [ink, width] of [[RIM, 0.9], [colour, 0.45]] as const) {
+      circle(1.15 * radius);
+      context.strokeStyle = ink;
+      context.lineWidth = radius * width;
+      context.stroke();
+    }
+  } else {
+    circle(radius + Math.max(1, 0.25 * radius));
+    context.fillStyle = RIM;
+    context.fill();
+    circle(radius);
+    context.fillStyle = colour;
+    context.fill();
+  }
+}
+
+function placeOf(xy: Float32Array, frame: number, on: ToCanvas): Place {
+  return on(xy[2 * frame] ?? 0, xy[2 * frame + 1] ?? 0);
+}

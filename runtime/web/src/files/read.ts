@@ -1,0 +1,93 @@
+/** Points from files that this page or `decomo-track` wrote. Tracks in them are not taken over but asked for anew. */
+
+import { unzipSync } from "fflate";
+import { InputError, type ModelFacts } from "../model/facts";
+import type { Draft } from "../points";
+import { readNpy } from "./npy";
+
+/** The points of a .csv, .json or .npz file; `InputError` says what is wrong and where. */
+export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): Draft[] {
+  const suffix = name.slice(name.lastIndexOf(".")).toLowerCase();
+  const read = { ".csv": readCsv, ".json": readJson, ".npz": readNpz }[suffix];
+  if (read === undefined) throw new InputError(`${name} is nothing that this page opens; give a model (.onnx), frames (.jpg, .png) or points (.csv, .json, .npz).`);
+  const drafts = read(bytes, name);
+  drafts.forEach((draft, row) => check(draft, `${name}, point ${row} (counted from 0)`, facts));
+  return drafts;
+}
+
+function check({ t, x, y }: Draft, where: string, { numFrames, width, height }: ModelFacts): void {
+  if (![t, x, y].every(Number.isFinite)) throw new InputError(`${where}: t, x and y must be finite numbers.`);
+  if (!Number.isInteger(t) || t < 0 || t > numFrames - 1) {
+    throw new InputError(`${where}: t is ${t} but must be a whole number within 0 .. ${numFrames - 1}, the clip's frames.`);
+  }
+  if (x < -0.5 || x > width - 0.5 || y < -0.5 || y > height - 0.5) {
+    throw new InputError(`${where}: (${x}, ${y}) lies outside the frame of ${width}x${height}.`);
+  }
+}
+
+function readCsv(bytes: Uint8Array, name: string): Draft[] {
+  const [header, ...rows] = csvRows(new TextDecoder().decode(bytes));
+  const columns = (header ?? []).map((column) => column.trim().toLowerCase());
+  const missing = ["t", "x", "y"].filter((column) => !columns.includes(column));
+  if (missing.length > 0) {
+    throw new InputError(`${name} must begin with the header t,x,y; it has no column ${missing.join(", ")}.`);
+  }
+  return rows.map((row, index) => {
+    if (row.length !== columns.length) {
+      throw new InputError(`${name}, row ${index} (counted from 0) has ${row.length} values, not ${columns.length}; mend it.`);
+    }
+    const cell = (column: string): string => row[columns.indexOf(column)] ?? "";
+    const number = (column: string): number => (cell(column).trim() === "" ? Number.NaN : Number(cell(column)));
+    return draft(number("t"), number("x"), number("y"), cell("name"), cell("colour"));
+  });
+}
+
+/** Rows of a csv text, quoted cells included; empty lines are left out. */
+function csvRows(text: string): string[][] {
+  const rows: string[][] = [[]];
+  for (const [cell, quotedCell, plainCell, end] of text.matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
+    rows.at(-1)?.push(quotedCell?.replaceAll('""', '"') ?? plainCell ?? "");
+    if (end !== ",") rows.push([]);
+    if (cell === "") break;
+  }
+  return rows.filter((row) => row.length > 1 || (row[0] ?? "") !== "");
+}
+
+function readJson(bytes: Uint8Array, name: string): Draft[] {
+  let content: unknown;
+  try {
+    content = JSON.parse(new TextDecoder().decode(bytes));
+  } catch {
+    throw new InputError(`${name} is not JSON, or it is cut short; write it with this page.`);
+  }
+  const points = (content as { points?: unknown } | null)?.points;
+  if (!Array.isArray(points)) throw new InputError(`${name} has no list 'points'; write it with this page.`);
+  return points.map((point: Record<string, unknown> | null) => {
+    const [t, x, y] = [point?.t, point?.x, point?.y].map((value) => (typeof value === "number" ? value : Number.NaN));
+    return draft(t ?? Number.NaN, x ?? Number.NaN, y ?? Number.NaN, point?.name, point?.colour);
+  });
+}
+
+function readNpz(bytes: Uint8Array, name: string): Draft[] {
+  let entry: Uint8Array | undefined;
+  try {
+    entry = unzipSync(bytes, { filter: (file) => file.name === "queries.npy" })["queries.npy"];
+  } catch {
+    throw new InputError(`${name} is not an npz file, or it is cut short; write it with 'decomo-track'.`);
+  }
+  if (entry === undefined) throw new InputError(`${name} lacks the array queries; write it with 'decomo-track'.`);
+  const { shape, values } = readNpy(entry, `${name}: queries`);
+  if (shape.length !== 2 || shape[1] !== 3) {
+    throw new InputError(`${name}: queries must have the shape [N, 3], got [${shape.join(", ")}].`);
+  }
+  const at = (index: number): number => values[index] ?? Number.NaN;
+  return Array.from({ length: shape[0] ?? 0 }, (_, row) => draft(at(3 * row), at(3 * row + 1), at(3 * row + 2)));
+}
+
+function draft(t: number, x: number, y: number, name?: unknown, colour?: unknown): Draft {
+  return {
+    ...{ t, x, y },
+    ...(typeof name === "string" && name !== "" ? { name } : {}),
+    ...(typeof colour === "string" && /^#[0-9a-f]{6}$/i.test(colour) ? { colour } : {}),
+  };
+}

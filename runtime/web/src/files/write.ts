@@ -1,0 +1,59 @@
+/** The points as files: what `decomo-track` reads and writes, and JSON with all that the page knows. */
+
+import { zipSync } from "fflate";
+import type { ModelFacts } from "../model/facts";
+import type { Point } from "../points";
+import { writeNpy } from "./npy";
+
+export const JSON_VERSION = 1;
+
+/** A line for each point, header `t,x,y,name,colour`: `decomo-track --queries` takes it. */
+export function pointsCsv(points: readonly Point[]): string {
+  const lines = points.map(({ t, x, y, name, colour }) => [t, x, y, quoted(name), colour].join(","));
+  return `${["t,x,y,name,colour", ...lines].join("\n")}\n`;
+}
+
+/** A line for each point and frame, as `decomo-track --out tracks.csv`. */
+export function tracksCsv(points: readonly Point[]): string {
+  const lines = points.flatMap(({ track }, row) =>
+    track.occluded.map((hidden, frame) => {
+      const numbers = [track.xy[2 * frame], track.xy[2 * frame + 1], track.occlusion[frame]];
+      return [row, frame, ...numbers.map((value) => (value ?? 0).toFixed(4)), hidden ? 1 : 0].join(",");
+    }),
+  );
+  return `${["point,frame,x,y,occlusion,occluded", ...lines].join("\n")}\n`;
+}
+
+/** The arrays of `decomo-track --out tracks.npz`. */
+export function tracksNpz(points: readonly Point[], { numFrames }: ModelFacts): Uint8Array {
+  const count = points.length;
+  const flat = (values: (point: Point) => Iterable<number>): number[] => points.flatMap((point) => [...values(point)]);
+  const arrays = {
+    queries: writeNpy("<f4", [count, 3], flat(({ t, x, y }) => [t, x, y])),
+    tracks: writeNpy("<f4", [count, numFrames, 2], flat(({ track }) => track.xy)),
+    occluded: writeNpy("|b1", [count, numFrames], flat(({ track }) => track.occluded.map(Number))),
+    occlusion: writeNpy("<f4", [count, numFrames], flat(({ track }) => track.occlusion)),
+    frames: writeNpy("<i8", [numFrames], Array.from({ length: numFrames }, (_, frame) => frame)),
+  };
+  return zipSync(Object.fromEntries(Object.entries(arrays).map(([key, bytes]) => [`${key}.npy`, bytes])));
+}
+
+export function pointsJson(points: readonly Point[], facts: ModelFacts): string {
+  const { clipName, numFrames, width, height, fps } = facts;
+  const content = {
+    format: "decomotion.points",
+    version: JSON_VERSION,
+    clip: { name: clipName, num_frames: numFrames, width, height, fps },
+    points: points.map(({ name, colour, t, x, y, track }) => ({
+      ...{ name, colour, t, x, y },
+      tracks: Array.from({ length: numFrames }, (_, frame) => [rounded(track.xy[2 * frame]), rounded(track.xy[2 * frame + 1])]),
+      occlusion: Array.from(track.occlusion, rounded),
+      occluded: track.occluded,
+    })),
+  };
+  return `${JSON.stringify(content)}\n`;
+}
+
+const rounded = (value: number | undefined): number => Math.round((value ?? 0) * 10000) / 10000;
+
+const quoted = (text: string): string => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);

@@ -1,0 +1,153 @@
+/** The layers that the model renders, coarse first, on rasters that cover the image. */
+
+import type { Size } from "./geometry";
+import type { ModelFacts } from "./model/facts";
+import type { Appearance } from "./model/protocol";
+
+export const LAYERS = ["clip", "fused", "static", "dynamic", "mask", "depth"] as const;
+export type Layer = (typeof LAYERS)[number];
+export type Rendered = Exclude<Layer, "clip">;
+
+/** Longer sides of the rasters, in pixels; frames not shown are rendered ahead up to `AHEAD_LEVEL`. */
+const SIDES = [48, 128, 384] as const;
+const AHEAD_LEVEL = 1;
+const RAYS = { first: 512, least: 128, most: 16384 };
+const SECONDS_PER_REQUEST = 0.05;
+const FARTHEST = 2;
+
+/** One frame's layers on one raster, RGBA. */
+export interface Raster extends Size {
+  readonly level: number;
+  readonly pixels: Readonly<Record<Rendered, ImageData>>;
+}
+
+/** The raster of `level`: no larger than the image. */
+export function rasterSize({ width, height }: Size, level: number): Size {
+  const scale = Math.min(1, (SIDES[level] ?? 1) / Math.max(width, height));
+  return { width: Math.max(1, Math.round(width * scale)), height: Math.max(1, Math.round(height * scale)) };
+}
+
+/** Rays (t, x, y) through the raster's pixel centres `first` up to but without `last`, row by row. */
+export function rays(t: number, raster: Size, image: Size, first: number, last: number): Float32Array {
+  const queries = new Float32Array((last - first) * 3);
+  for (let pixel = first; pixel < last; pixel++) {
+    const [row, column] = [Math.floor(pixel / raster.width), pixel % raster.width];
+    const x = ((column + 0.5) * image.width) / raster.width - 0.5;
+    const y = ((row + 0.5) * image.height) / raster.height - 0.5;
+    queries.set([t, x, y], (pixel - first) * 3);
+  }
+  return queries;
+}
+
+/** What to render next: the frame shown to the finest level, then every other one up to `AHEAD_LEVEL`. */
+export function nextWork(
+  shown: number,
+  numFrames: number,
+  levelOf: (frame: number) => number,
+): { frame: number; level: number } | undefined {
+  const levels = SIDES.map((_, level) => level);
+  for (const level of levels) if (levelOf(shown) < level) return { frame: shown, level };
+  for (const level of levels.filter((level) => level <= AHEAD_LEVEL)) {
+    for (let ahead = 1; ahead < numFrames; ahead++) {
+      const frame = (shown + ahead) % numFrames;
+      if (levelOf(frame) < level) return { frame, level };
+    }
+  }
+  return undefined;
+}
+
+/** Renders whatever frame is shown, and the others ahead, in requests so short that a click gets its turn. */
+export class LayerRenderer {
+  private readonly finished = new Map<number, Raster>();
+  private running = false;
+  private closed = false;
+  private shown = 0;
+  private raysPerRequest = RAYS.first;
+
+  constructor(
+    private readonly facts: ModelFacts,
+    private readonly render: (queries: Float32Array) => Promise<Appearance>,
+    private readonly onRaster: (frame: number) => void,
+    private readonly onError: (error: unknown) => void,
+  ) {}
+
+  /** The finest raster of `frame` so far; asks for a finer one. */
+  get(frame: number): Raster | undefined {
+    this.shown = frame;
+    if (!this.running && !this.closed) void this.run();
+    return this.finished.get(frame);
+  }
+
+  /** The raster of `frame` at the level that frames are rendered ahead to. */
+  async wait(frame: number): Promise<Raster> {
+    const had = this.finished.get(frame);
+    return had !== undefined && had.level >= AHEAD_LEVEL ? had : this.make(frame, AHEAD_LEVEL, () => true);
+  }
+
+  close(): void {
+    this.closed = true;
+  }
+
+  private async run(): Promise<void> {
+    this.running = true;
+    try {
+      for (;;) {
+        const work = nextWork(this.shown, this.facts.numFrames, (frame) => this.finished.get(frame)?.level ?? -1);
+        if (work === undefined || this.closed) break;
+        const shown = this.shown;
+        await this.make(work.frame, work.level, () => work.level === 0 || this.shown === shown);
+      }
+    } catch (error) {
+      if (!this.closed) this.onError(error);
+      this.closed = true;
+    } finally {
+      this.running = false;
+    }
+  }
+
+  /** Renders one frame; gives up, and returns what there is, as soon as `wanted` says no. */
+  private async make(frame: number, level: number, wanted: () => boolean): Promise<Raster> {
+    const size = rasterSize(this.facts, level);
+    const count = size.width * size.height;
+    const blank = (): ImageData => new ImageData(size.width, size.height);
+    const raster = {
+      ...{ ...size, level },
+      pixels: { fused: blank(), static: blank(), dynamic: blank(), mask: blank(), depth: blank() },
+    };
+    for (let first = 0; first < count; ) {
+      const last = Math.min(count, first + this.raysPerRequest);
+      const start = performance.now();
+      paint(raster, first, await this.render(rays(frame, size, this.facts, first, last)));
+      this.adapt((performance.now() - start) / 1000);
+      first = last;
+      if (first < count && (!wanted() || this.closed)) return raster;
+    }
+    this.finished.set(frame, raster);
+    this.onRaster(frame);
+    return raster;
+  }
+
+  private adapt(seconds: number): void {
+    const factor = Math.min(2, Math.max(0.5, SECONDS_PER_REQUEST / seconds));
+    this.raysPerRequest = Math.round(Math.min(RAYS.most, Math.max(RAYS.least, this.raysPerRequest * factor)));
+  }
+}
+
+function paint(raster: Raster, first: number, seen: Appearance): void {
+  const colours = [
+    [raster.pixels.fused, seen.rgb],
+    [raster.pixels.static, seen.rgb_static],
+    [raster.pixels.dynamic, seen.rgb_dynamic],
+  ] as const;
+  seen.depth.forEach((depth, ray) => {
+    const at = (first + ray) * 4;
+    for (const [image, values] of colours) {
+      for (let channel = 0; channel < 3; channel++) image.data[at + channel] = 255 * (values[3 * ray + channel] ?? 0);
+      image.data[at + 3] = 255;
+    }
+    const moving = 255 * (1 - (seen.static_confidence[ray] ?? 0));
+    const near = 255 * (1 - depth / FARTHEST);
+    raster.pixels.mask.data.set([moving, moving, moving, 255], at);
+    raster.pixels.depth.data.set([near, near, near, 255], at);
+  });
+}

@@ -1,0 +1,51 @@
+/** Starts the page: what the browser lacks is said first, then the model and clip beside the page are opened. */
+
+import { App } from "./app";
+import type { ClipRecord } from "./clip";
+import { InputError } from "./model/facts";
+import { listenToFiles } from "./ui/files";
+import { listenToKeys } from "./ui/keys";
+import { View } from "./ui/view";
+
+/** `site.json`, written by `decomo-view`: paths are relative to the page. */
+interface Site {
+  readonly model: string;
+  readonly clip: ClipRecord | null;
+}
+
+/** A function in WebAssembly that holds an instruction of SIMD. */
+const SIMD = [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11];
+
+async function start(): Promise<void> {
+  const lacking = whatIsLacking();
+  if (lacking !== undefined) {
+    view.loading("");
+    throw new InputError(`This browser has no ${lacking}, which the page needs; use a current Chrome, Edge, Firefox or Safari.`);
+  }
+  const response = await fetch("site.json");
+  if (!response.ok) {
+    view.loading("Open a model, or drop one here: the .onnx file that 'decomo-export' wrote.");
+    return;
+  }
+  const site = (await response.json()) as Site;
+  const model = await fetch(site.model);
+  if (!model.ok) throw new InputError(`${site.model} cannot be loaded from where the page lies; copy it there again.`);
+  await app.openModel(await model.arrayBuffer(), site.model);
+  if (site.clip) app.openServedClip(site.clip);
+}
+
+function whatIsLacking(): string | undefined {
+  if (!("WebAssembly" in window)) return "WebAssembly";
+  if (!WebAssembly.validate(new Uint8Array(SIMD))) return "WebAssembly with SIMD";
+  if (!("Worker" in window)) return "workers";
+  if (!("DecompressionStream" in window)) return "DecompressionStream";
+  if (!("OffscreenCanvas" in window)) return "OffscreenCanvas";
+  return undefined;
+}
+
+const view = new View();
+const app = new App(view);
+view.connect(app);
+listenToFiles(app, view);
+listenToKeys(app);
+view.attempt(start());

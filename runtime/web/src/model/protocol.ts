@@ -1,0 +1,35 @@
+/** What the page and the worker that runs the model say to each other. */
+
+export type Backend = "wasm" | "webgpu";
+
+/** Colours and the rest along N rays, as the model file names them. */
+export interface Appearance {
+  readonly rgb: Float32Array;
+  readonly rgb_static: Float32Array;
+  readonly rgb_dynamic: Float32Array;
+  readonly static_confidence: Float32Array;
+  readonly depth: Float32Array;
+}
+
+export interface Tracked {
+  /** [N, M, 2], (x, y) in pixels of the clip. */
+  readonly tracks: Float32Array;
+  /** [N, M], score in [0, 1]. */
+  readonly occlusion: Float32Array;
+}
+
+export interface Opened {
+  /** Threads of one operator. */
+  readonly threads: number;
+}
+
+/** `base`: where the page lies, so that the worker finds `runtime/`. */
+export interface Requests {
+  open: { args: { model: ArrayBuffer; base: string; backend: Backend }; answer: Opened };
+  track: { args: { queries: Float32Array; numFrames: number }; answer: Tracked };
+  render: { args: { queries: Float32Array }; answer: Appearance };
+}
+
+export type Kind = keyof Requests;
+export type Request = { [K in Kind]: { id: number; kind: K; args: Requests[K]["args"] } }[Kind];
+export type Answer = { id: number } & ({ value: Requests[Kind]["answer"] } | { error: string });

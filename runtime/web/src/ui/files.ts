@@ -1,0 +1,78 @@
+/** Files in and out: opened by the button or dropped on the page, saved by the buttons. */
+
+import type { App } from "../app";
+import { readPoints } from "../files/read";
+import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../files/write";
+import { InputError } from "../model/facts";
+import { download, element } from "./dom";
+import type { View } from "./view";
+
+const IMAGES = /\.(jpe?g|png|webp)$/i;
+const VIDEOS = /\.(mp4|mov|mkv|webm|avi|m4v)$/i;
+
+export function listenToFiles(app: App, view: View): void {
+  const input = element("files", HTMLInputElement);
+  element("open", HTMLButtonElement).addEventListener("click", () => input.click());
+  input.addEventListener("change", () => {
+    view.attempt(openFiles([...(input.files ?? [])], app, view));
+    input.value = "";
+  });
+  document.addEventListener("dragover", (event) => {
+    event.preventDefault();
+    document.body.classList.add("dropping");
+  });
+  for (const end of ["dragleave", "drop"]) document.addEventListener(end, () => document.body.classList.remove("dropping"));
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    view.attempt(openFiles([...(event.dataTransfer?.files ?? [])], app, view));
+  });
+  for (const button of document.querySelectorAll<HTMLButtonElement>("[data-save]")) {
+    button.addEventListener("click", () => view.attempt(save(button, app, view)));
+  }
+}
+
+/** A model first, so that frames or points opened with it meet it. */
+async function openFiles(files: readonly File[], app: App, view: View): Promise<void> {
+  view.dismiss();
+  const images = files.filter(({ name }) => IMAGES.test(name));
+  const model = files.find(({ name }) => /\.onnx$/i.test(name));
+  const others = files.filter((file) => file !== model && !images.includes(file));
+  if (model) await app.openModel(await model.arrayBuffer(), model.name);
+  if (images.length > 0) await app.openFrames(images);
+  for (const file of others) {
+    if (VIDEOS.test(file.name)) {
+      throw new InputError(`${file.name} is a video; give its frames as images, or start 'decomo-view' with --clip ${file.name}.`);
+    }
+    const facts = app.model?.facts;
+    if (facts === undefined) throw new InputError(`Open a model before ${file.name}.`);
+    await app.addPoints(readPoints(file.name, new Uint8Array(await file.arrayBuffer()), facts));
+  }
+}
+
+async function save(button: HTMLButtonElement, app: App, view: View): Promise<void> {
+  const facts = app.model?.facts;
+  if (facts === undefined) return;
+  const points = app.points.all;
+  const kind = button.dataset.save ?? "";
+  const name = `${facts.clipName}-${kind}`;
+  if (kind === "points.csv") download(name, pointsCsv(points), "text/csv");
+  else if (kind === "tracks.csv") download(name, tracksCsv(points), "text/csv");
+  else if (kind === "tracks.npz") download(name, tracksNpz(points, facts) as Uint8Array<ArrayBuffer>, "application/zip");
+  else if (kind === "points.json") download(name, pointsJson(points, facts), "application/json");
+  else await saveClip();
+
+  async function saveClip(): Promise<void> {
+    if (facts === undefined) return;
+    button.disabled = true;
+    try {
+      const { saveVideo } = await import("../video"); // large, and seldom wanted
+      const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
+      const scene = (frame: number) => app.finishedScene(frame);
+      const video = await saveVideo(facts, facts.fps, facts.numFrames, scene, onProgress);
+      download(`${facts.clipName}-points.${video.suffix}`, video.content, video.type);
+      view.status(`Saved ${facts.clipName}-points.${video.suffix}.`);
+    } finally {
+      button.disabled = false;
+    }
+  }
+}

@@ -1,0 +1,40 @@
+/** Keys that work all over the page, except where one types or a control needs them itself. */
+
+import type { App } from "../app";
+import { LAYERS } from "../layers";
+import { element } from "./dom";
+
+export function listenToKeys(app: App): void {
+  document.addEventListener("keydown", (event) => {
+    const target = event.target instanceof Element ? event.target : document.body;
+    if (event.defaultPrevented || target.closest("input[type=text], input[type=number], select, dialog")) return;
+    const action = actionOf(event, app, target.closest("input") !== null, target.closest("button") !== null);
+    if (action === undefined) return;
+    event.preventDefault();
+    action();
+  });
+}
+
+function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: boolean): (() => void) | undefined {
+  if (event.altKey) return undefined;
+  if (event.ctrlKey || event.metaKey) {
+    const key = event.key.toLowerCase();
+    if (key === "y" || (key === "z" && event.shiftKey)) return () => app.points.redo();
+    return key === "z" ? () => app.points.undo() : undefined;
+  }
+  const layer = LAYERS[Number(event.key) - 1];
+  if (layer !== undefined) return () => app.showLayer(layer);
+  if (event.key === " ") return onButton ? undefined : () => app.player.toggle();
+  if (event.key === ",") return () => app.player.step(-1);
+  if (event.key === ".") return () => app.player.step(1);
+  if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();
+  if (event.key === "Delete") return () => app.removeSelected();
+  if (onInput) return undefined;
+  const keys: Record<string, () => void> = {
+    ArrowLeft: () => app.player.step(-1),
+    ArrowRight: () => app.player.step(1),
+    Home: () => app.player.seek(0),
+    End: () => app.player.seek(Number.MAX_SAFE_INTEGER),
+  };
+  return keys[event.key];
+}

@@ -1,0 +1,49 @@
+/** The frame that is shown, and playing: one frame after the other at the clip's rate, round and round. */
+export class Player {
+  frame = 0;
+  playing = false;
+  private numFrames = 1;
+  private fps = 24;
+  private due = 0;
+
+  /** `onFrame` hears of every change; a frame that is not `isReady` is waited for. */
+  constructor(
+    private readonly onFrame: () => void,
+    private readonly isReady: (frame: number) => boolean,
+  ) {}
+
+  load(numFrames: number, fps: number): void {
+    Object.assign(this, { numFrames, fps, frame: 0, playing: false });
+    this.onFrame();
+  }
+
+  /** Shows a frame; numbers beyond the ends mean the ends. */
+  seek(frame: number): void {
+    this.frame = Math.min(Math.max(Math.round(frame), 0), this.numFrames - 1);
+    this.onFrame();
+  }
+
+  /** Pauses and goes `by` frames on. */
+  step(by: number): void {
+    this.playing = false;
+    this.seek(this.frame + by);
+  }
+
+  toggle(): void {
+    this.playing = !this.playing && this.numFrames > 1;
+    this.due = performance.now() + 1000 / this.fps;
+    if (this.playing) requestAnimationFrame((now) => this.tick(now));
+    this.onFrame();
+  }
+
+  private tick(now: number): void {
+    if (!this.playing) return;
+    const next = (this.frame + 1) % this.numFrames;
+    if (now >= this.due && this.isReady(next)) {
+      this.due = Math.max(this.due + 1000 / this.fps, now);
+      this.frame = next;
+      this.onFrame();
+    }
+    requestAnimationFrame((later) => this.tick(later));
+  }
+}

@@ -1,0 +1,203 @@
+/** The picture that one points at: click, drag an area, or move a cross with the keys. */
+
+import { type Scene, drawScene, markRadius } from "../draw";
+import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
+
+const DRAG_PIXELS = 6;
+const SELECT_PIXELS = 9;
+
+export interface StageEvents {
+  /** A place on the image; `id` is the point's that lies there. */
+  onClick(place: Place, id: number | undefined): void;
+  /** The corners of an area. */
+  onArea(polygon: readonly Place[]): void;
+}
+
+export class Stage {
+  /** What a drag draws. */
+  shape: "box" | "lasso" = "box";
+  private image: Size = { width: 16, height: 9 };
+  private scene: Scene | undefined;
+  private path: Place[] = [];
+  private cross: Place | undefined;
+  private corner: Place | undefined;
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly frame: HTMLElement,
+    private readonly events: StageEvents,
+  ) {
+    new ResizeObserver(() => this.fit()).observe(canvas);
+    canvas.addEventListener("pointerdown", (event) => this.onDown(event));
+    canvas.addEventListener("pointermove", (event) => this.onMove(event));
+    canvas.addEventListener("pointerup", (event) => this.onUp(event));
+    canvas.addEventListener("pointercancel", () => this.abandon());
+    canvas.addEventListener("keydown", (event) => this.onKey(event));
+    canvas.addEventListener("focus", () => this.showCross(canvas.matches(":focus-visible")));
+    canvas.addEventListener("blur", () => this.showCross(false));
+  }
+
+  /** Takes the shape of another clip's images, and forgets what it showed. */
+  setImage({ width, height }: Size): void {
+    this.image = { width, height };
+    this.frame.style.aspectRatio = `${width} / ${height}`;
+    this.frame.style.maxWidth = `max(16rem, calc((100vh - 15rem) * ${width / height}))`;
+    this.cross = undefined;
+    this.scene = undefined;
+    this.fit();
+  }
+
+  show(scene: Scene): void {
+    this.scene = scene;
+    this.draw();
+  }
+
+  private fit(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    const [width, height] = [clientWidth, clientHeight].map((side) => Math.max(1, Math.round(side * devicePixelRatio)));
+    if (width === this.canvas.width && height === this.canvas.height) return;
+    Object.assign(this.canvas, { width, height });
+    this.draw();
+  }
+
+  private draw(): void {
+    const context = this.canvas.getContext("2d");
+    if (context === null || this.scene === undefined) return;
+    drawScene(context, this.scene);
+    const outline = this.corner && this.cross ? box(this.corner, this.cross) : this.outline();
+    if (outline.length > 1) this.stroke(context, outline.map((place) => this.onCanvas(place)));
+    if (this.cross) this.drawCross(context, this.onCanvas(this.cross));
+  }
+
+  private stroke(context: CanvasRenderingContext2D, places: readonly Place[]): void {
+    const path = new Path2D();
+    for (const { x, y } of places) path.lineTo(x, y);
+    path.closePath();
+    context.fillStyle = "rgb(255 255 255 / 14%)";
+    context.fill(path);
+    for (const [ink, dash] of [["#000", []], ["#fff", [6, 6]]] as const) {
+      context.strokeStyle = ink;
+      context.lineWidth = 2;
+      context.setLineDash([...dash]);
+      context.stroke(path);
+    }
+    context.setLineDash([]);
+  }
+
+  private drawCross(context: CanvasRenderingContext2D, { x, y }: Place): void {
+    const arm = 3 * markRadius(Math.max(this.canvas.width, this.canvas.height));
+    for (const [ink, width] of [["#000", 4], ["#fff", 1.5]] as const) {
+      context.strokeStyle = ink;
+      context.lineWidth = width;
+      context.beginPath();
+      context.moveTo(x - arm, y);
+      context.lineTo(x + arm, y);
+      context.moveTo(x, y - arm);
+      context.lineTo(x, y + arm);
+      context.stroke();
+    }
+  }
+
+  private outline(): Place[] {
+    const [first, last] = [this.path[0], this.path.at(-1)];
+    if (first === undefined || last === undefined || !this.isDrag()) return [];
+    return this.shape === "box" ? box(first, last) : this.path;
+  }
+
+  private isDrag(): boolean {
+    const first = this.path[0];
+    const scale = this.canvas.clientWidth / this.image.width;
+    return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > DRAG_PIXELS);
+  }
+
+  private onCanvas({ x, y }: Place): Place {
+    const { width, height } = this.canvas;
+    return { x: ((x + 0.5) * width) / this.image.width, y: ((y + 0.5) * height) / this.image.height };
+  }
+
+  private place(event: PointerEvent): Place {
+    const area = this.canvas.getBoundingClientRect();
+    const x = ((event.clientX - area.left) / area.width) * this.image.width - 0.5;
+    const y = ((event.clientY - area.top) / area.height) * this.image.height - 0.5;
+    return roundPlace(clampPlace({ x, y }, this.image));
+  }
+
+  private onDown(event: PointerEvent): void {
+    if (event.button !== 0) return;
+    this.canvas.setPointerCapture(event.pointerId);
+    this.path = [this.place(event)];
+    this.showCross(false);
+  }
+
+  private onMove(event: PointerEvent): void {
+    if (this.path.length === 0) return;
+    this.path.push(this.place(event));
+    this.draw();
+  }
+
+  private onUp(event: PointerEvent): void {
+    const [first, area] = [this.path[0], this.outline()];
+    this.abandon();
+    if (first === undefined) return;
+    if (area.length > 0) this.events.onArea(area);
+    else this.events.onClick(first, event.shiftKey ? undefined : this.pointAt(first));
+  }
+
+  private abandon(): void {
+    this.path = [];
+    this.corner = undefined;
+    this.draw();
+  }
+
+  /** The point nearest to `place` among those whose mark is there. */
+  private pointAt(place: Place): number | undefined {
+    if (this.scene === undefined) return undefined;
+    const { frame, points } = this.scene;
+    const scale = this.canvas.clientWidth / this.image.width;
+    const near = points
+      .map(({ id, track }) => {
+        const [dx, dy] = [(track.xy[2 * frame] ?? 0) - place.x, (track.xy[2 * frame + 1] ?? 0) - place.y];
+        return { id, distance: Math.hypot(dx, dy) * scale };
+      })
+      .filter(({ distance }) => distance < SELECT_PIXELS)
+      .sort((a, b) => a.distance - b.distance);
+    return near[0]?.id;
+  }
+
+  private showCross(shown: boolean): void {
+    const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
+    this.cross = shown ? (this.cross ?? centre) : undefined;
+    if (!shown) this.corner = undefined;
+    this.draw();
+  }
+
+  private onKey(event: KeyboardEvent): void {
+    const step = event.shiftKey ? 10 : 1;
+    const moves: Record<string, readonly [number, number]> = {
+      ArrowLeft: [-step, 0],
+      ArrowRight: [step, 0],
+      ArrowUp: [0, -step],
+      ArrowDown: [0, step],
+    };
+    const move = moves[event.key];
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    this.showCross(true);
+    if (this.cross === undefined) return;
+    if (move !== undefined) {
+      this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image);
+    } else if (event.key === "Enter") {
+      if (this.corner) this.events.onArea(box(this.corner, this.cross));
+      else this.events.onClick(this.cross, undefined);
+      this.corner = undefined;
+    } else if (event.key === "b" || event.key === "B") {
+      this.corner = this.cross;
+    } else if (event.key === "Escape") {
+      this.corner = undefined;
+    } else {
+      return;
+    }
+    event.preventDefault();
+    event.stopPropagation();
+    this.draw();
+  }
+}

@@ -1,0 +1,163 @@
+/** The page's controls: what they show, and what they set going. */
+
+import type { App } from "../app";
+import type { Layer } from "../layers";
+import { LAYERS } from "../layers";
+import type { Model } from "../model/client";
+import { InputError } from "../model/facts";
+import type { PointList } from "../points";
+import { element, make } from "./dom";
+import { Stage } from "./stage";
+
+const NO_SPLIT = "nothing";
+
+export class View {
+  readonly list = element("points", HTMLOListElement);
+  readonly stage: Stage;
+  private app: App | undefined;
+  private readonly scrub = element("scrub", HTMLInputElement);
+  private readonly splitSelect = element("split", HTMLSelectElement);
+  private readonly divider = element("divider", HTMLInputElement);
+  private readonly trails = element("trails", HTMLInputElement);
+  private readonly spacing = element("spacing", HTMLInputElement);
+  private readonly layerButtons = new Map<Layer, HTMLInputElement>();
+
+  constructor() {
+    this.stage = new Stage(element("stage", HTMLCanvasElement), element("frame", HTMLDivElement), {
+      onClick: (place, id) => (id === undefined ? this.attempt(this.app?.addAt(place)) : this.app?.select(id)),
+      onArea: (polygon) => this.attempt(this.app?.addArea(polygon, this.spacing.valueAsNumber || 16)),
+    });
+    for (const layer of LAYERS) {
+      const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
+      this.layerButtons.set(layer, button);
+      const title = layer[0]?.toUpperCase() + layer.slice(1);
+      element("layers", HTMLFieldSetElement).append(make("label", {}, button, make("span", {}, title)));
+    }
+    this.splitSelect.append(...[NO_SPLIT, ...LAYERS].map((value) => make("option", { value }, value)));
+  }
+
+  /** Wires the controls to what they control. */
+  connect(app: App): void {
+    this.app = app;
+    for (const [layer, button] of this.layerButtons) button.addEventListener("change", () => app.showLayer(layer));
+    this.splitSelect.addEventListener("change", () => {
+      app.split = LAYERS.find((layer) => layer === this.splitSelect.value);
+      this.layers(LAYERS, app);
+      app.show();
+    });
+    this.divider.addEventListener("input", () => {
+      app.splitAt = this.divider.valueAsNumber;
+      app.show();
+    });
+    this.scrub.addEventListener("input", () => app.player.seek(this.scrub.valueAsNumber));
+    this.trails.addEventListener("input", () => {
+      app.trail = this.trails.valueAsNumber;
+      this.showTrail(app.trail);
+      app.show();
+    });
+    for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=drag]")) {
+      radio.addEventListener("change", () => (this.stage.shape = radio.value === "lasso" ? "lasso" : "box"));
+    }
+    const onClick = (id: string, action: () => void): void =>
+      element(id, HTMLButtonElement).addEventListener("click", action);
+    onClick("play", () => app.player.toggle());
+    onClick("previous", () => app.player.step(-1));
+    onClick("next", () => app.player.step(1));
+    onClick("undo", () => app.points.undo());
+    onClick("redo", () => app.points.redo());
+    onClick("clear", () => app.points.clear());
+    onClick("help", () => element("keys", HTMLDialogElement).showModal());
+    element("alert", HTMLDivElement).querySelector("button")?.addEventListener("click", () => this.dismiss());
+    this.points(app.points);
+  }
+
+  /** Shows what a model, and perhaps its clip, bring. */
+  opened(model: Model, hasClip: boolean): void {
+    const { clipName, numFrames, width, height, preset } = model.facts;
+    const threads = `${model.threads} thread${model.threads === 1 ? "" : "s"}`;
+    const layers = model.backend === "webgpu" ? ", layers on WebGPU" : "";
+    element("facts", HTMLParagraphElement).textContent =
+      `${clipName} · ${numFrames} frames of ${width}×${height} · preset ${preset} · WebAssembly, ${threads}${layers}` +
+      (hasClip ? "" : " · without its clip");
+    document.title = `${clipName} · DecoMotion`;
+    this.stage.setImage(model.facts);
+    this.scrub.max = String(numFrames - 1);
+    this.trails.max = String(numFrames - 1);
+    if (this.app === undefined) return;
+    this.trails.value = String(this.app.trail);
+    this.showTrail(this.app.trail);
+    this.spacing.value = String(Math.max(4, Math.round(Math.max(width, height) / 16)));
+    this.layers(LAYERS, this.app);
+  }
+
+  layers(all: readonly Layer[], app: App): void {
+    for (const layer of all) {
+      const button = this.layerButtons.get(layer);
+      if (button) Object.assign(button, { disabled: !app.available(layer), checked: layer === app.layer });
+    }
+    for (const option of this.splitSelect.options) {
+      option.disabled = !LAYERS.every((layer) => layer !== option.value || app.available(layer));
+    }
+    this.splitSelect.value = app.split ?? NO_SPLIT;
+    this.divider.hidden = app.split === undefined;
+  }
+
+  showFrame(frame: number, numFrames: number, playing: boolean): void {
+    this.scrub.value = String(frame);
+    this.scrub.ariaValueText = `frame ${frame} of 0 to ${numFrames - 1}`;
+    element("frame-number", HTMLOutputElement).value = `${frame} / ${numFrames - 1}`;
+    const play = element("play", HTMLButtonElement);
+    play.ariaPressed = String(playing);
+    play.ariaLabel = playing ? "Pause" : "Play";
+  }
+
+  points(points: PointList): void {
+    const count = points.all.length;
+    element("count", HTMLSpanElement).textContent = String(count);
+    element("no-points", HTMLParagraphElement).hidden = count > 0;
+    element("undo", HTMLButtonElement).disabled = !points.canUndo;
+    element("redo", HTMLButtonElement).disabled = !points.canRedo;
+    element("clear", HTMLButtonElement).disabled = count === 0;
+    element("save", HTMLFieldSetElement).disabled = count === 0;
+  }
+
+  loading(text: string | undefined): void {
+    const loading = element("loading", HTMLParagraphElement);
+    loading.hidden = text === undefined;
+    loading.textContent = text ?? "";
+  }
+
+  status(text: string): void {
+    element("status", HTMLParagraphElement).textContent = text;
+  }
+
+  answered(text: string, milliseconds: number): void {
+    this.status(text);
+    element("status", HTMLParagraphElement).dataset.milliseconds = milliseconds.toFixed(1);
+    this.dismiss();
+  }
+
+  /** Shows what went wrong, until it is dismissed. */
+  alert(error: unknown): void {
+    const text = error instanceof Error ? error.message : String(error);
+    const known = error instanceof InputError;
+    const box = element("alert", HTMLDivElement);
+    const paragraph = box.querySelector("p");
+    if (paragraph) paragraph.textContent = known ? text : `Something went wrong: ${text}`;
+    box.hidden = false;
+    if (!known) console.error(error);
+  }
+
+  dismiss(): void {
+    element("alert", HTMLDivElement).hidden = true;
+  }
+
+  /** Shows the error of work that goes on in the background. */
+  attempt(work: Promise<unknown> | undefined): void {
+    work?.catch((error: unknown) => this.alert(error));
+  }
+
+  private showTrail(trail: number): void {
+    element("trail-length", HTMLOutputElement).value = trail === 0 ? "none" : `${trail} frame${trail === 1 ? "" : "s"}`;
+  }
+}

@@ -1,0 +1,52 @@
+/** Saves the clip with the points on it as a video, frame by frame, with the browser's own encoder. */
+
+import { BufferTarget, CanvasSource, Mp4OutputFormat, Output, QUALITY_HIGH, WebMOutputFormat, getFirstEncodableVideoCodec } from "mediabunny";
+import { type Scene, drawScene } from "./draw";
+import type { Size } from "./geometry";
+import { InputError } from "./model/facts";
+
+const LONG_SIDE = 720;
+
+/** An even size that shows the clip at least as large as `LONG_SIDE` where it is enlarged by a whole factor. */
+export function videoSize({ width, height }: Size): Size {
+  const factor = Math.max(1, Math.ceil(LONG_SIDE / Math.max(width, height)));
+  return { width: 2 * Math.ceil((width * factor) / 2), height: 2 * Math.ceil((height * factor) / 2) };
+}
+
+/** Encodes the scenes of all frames; mp4 where the browser can, else webm. */
+export async function saveVideo(
+  image: Size,
+  fps: number,
+  numFrames: number,
+  sceneOf: (frame: number) => Promise<Scene>,
+  onProgress: (frame: number) => void,
+): Promise<{ content: ArrayBuffer; suffix: "mp4" | "webm"; type: string }> {
+  if (!("VideoEncoder" in window)) {
+    throw new InputError("This browser cannot encode video (it has no WebCodecs); use 'decomo-track --overlay' instead.");
+  }
+  const size = videoSize(image);
+  for (const [suffix, format, codecs] of [
+    ["mp4", new Mp4OutputFormat({ fastStart: "in-memory" }), ["avc"]],
+    ["webm", new WebMOutputFormat(), ["vp9", "vp8"]],
+  ] as const) {
+    const codec = await getFirstEncodableVideoCodec([...codecs], size);
+    if (codec === null) continue;
+    const canvas = new OffscreenCanvas(size.width, size.height);
+    const context = canvas.getContext("2d");
+    if (context === null) break;
+    const target = new BufferTarget();
+    const output = new Output({ format, target });
+    const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH });
+    output.addVideoTrack(source, { frameRate: fps });
+    await output.start();
+    for (let frame = 0; frame < numFrames; frame++) {
+      drawScene(context, await sceneOf(frame));
+      await source.add(frame / fps, 1 / fps);
+      onProgress(frame);
+    }
+    await output.finalize();
+    if (target.buffer === null) break;
+    return { content: target.buffer, suffix, type: `video/${suffix}` };
+  }
+  throw new InputError("This browser has no encoder for H.264, VP9 or VP8; use 'decomo-track --overlay' instead.");
+}

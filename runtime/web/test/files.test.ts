@@ -1,0 +1,73 @@
+import { unzipSync } from "fflate";
+import { describe, expect, it } from "vitest";
+import { readNpy, writeNpy } from "../src/files/npy";
+import { readPoints } from "../src/files/read";
+import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../src/files/write";
+import type { ModelFacts } from "../src/model/facts";
+import type { Point } from "../src/points";
+
+const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, preset: "cpu", occlusionThreshold: 0.5 };
+const POINTS: Point[] = [
+  {
+    ...{ id: 1, name: 'a "b", c', colour: "#102030", t: 1, x: 2.25, y: -0.5 },
+    track: { xy: Float32Array.of(1, 2, 2.25, -0.5), occlusion: Float32Array.of(0.75, 0), occluded: [true, false] },
+  },
+  {
+    ...{ id: 2, name: "d", colour: "#405060", t: 0, x: 9.5, y: 7.5 },
+    track: { xy: Float32Array.of(9.5, 7.5, 11, 12), occlusion: Float32Array.of(0.25, 1), occluded: [false, true] },
+  },
+];
+const DRAFTS = POINTS.map(({ name, colour, t, x, y }) => ({ name, colour, t, x, y }));
+const bytes = (text: string): Uint8Array => new TextEncoder().encode(text);
+
+describe("files of points", () => {
+  it("writes tracks as decomo-track does", () => {
+    expect(tracksCsv(POINTS).split("\n")).toEqual([
+      "point,frame,x,y,occlusion,occluded",
+      ...["0,0,1.0000,2.0000,0.7500,1", "0,1,2.2500,-0.5000,0.0000,0"],
+      ...["1,0,9.5000,7.5000,0.2500,0", "1,1,11.0000,12.0000,1.0000,1", ""],
+    ]);
+  });
+
+  it("reads back what it writes", () => {
+    expect(readPoints("p.csv", bytes(pointsCsv(POINTS)), FACTS)).toEqual(DRAFTS);
+    expect(readPoints("p.json", bytes(pointsJson(POINTS, FACTS)), FACTS)).toEqual(DRAFTS);
+    const queries = DRAFTS.map(({ t, x, y }) => ({ t, x, y }));
+    expect(readPoints("p.npz", tracksNpz(POINTS, FACTS), FACTS)).toEqual(queries);
+  });
+
+  it("writes the arrays of decomo-track", () => {
+    const files = unzipSync(tracksNpz(POINTS, FACTS));
+    const array = (key: string) => readNpy(files[`${key}.npy`] ?? new Uint8Array(), key);
+    expect(array("tracks")).toEqual({ shape: [2, 2, 2], values: [1, 2, 2.25, -0.5, 9.5, 7.5, 11, 12] });
+    expect(array("occluded")).toEqual({ shape: [2, 2], values: [1, 0, 0, 1] });
+    expect(array("frames")).toEqual({ shape: [2], values: [0, 1] });
+  });
+
+  it("aligns the header as numpy does", () => {
+    const file = writeNpy("<f4", [3], [1, 2, 3]);
+    expect((file.length - 12) % 64).toBe(0);
+    expect(new TextDecoder("latin1").decode(file)).toContain("'shape': (3,), ");
+  });
+
+  it("takes columns in any order, and Windows' line ends", () => {
+    expect(readPoints("p.csv", bytes("x,Y,note,t\r\n1,2,hm,0\r\n\r\n3,4,,1\r\n"), FACTS)).toEqual([
+      { t: 0, x: 1, y: 2 },
+      { t: 1, x: 3, y: 4 },
+    ]);
+  });
+
+  it.each([
+    ["p.csv", "x,y\n1,2\n", "no column t"],
+    ["p.csv", "t,x,y\n0,1\n", "row 0 (counted from 0) has 2 values, not 3"],
+    ["p.csv", "t,x,y\n0,1,2\n0,one,2\n", "point 1 (counted from 0): t, x and y must be finite numbers"],
+    ["p.csv", "t,x,y\n2,1,2\n", "within 0 .. 1, the clip's frames"],
+    ["p.csv", "t,x,y\n0,10,2\n", "outside the frame of 10x8"],
+    ["p.json", "{", "not JSON"],
+    ["p.json", "[]", "no list 'points'"],
+    ["p.npz", "PK", "not an npz file"],
+    ["p.txt", "", "nothing that this page opens"],
+  ])("refuses %s with %j", (name, text, sentence) => {
+    expect(() => readPoints(name, bytes(text), FACTS)).toThrow(sentence);
+  });
+});

@@ -1,0 +1,91 @@
+import { describe, expect, it } from "vitest";
+import { box, clampPlace, gridInside } from "../src/geometry";
+import { nextWork, rasterSize, rays } from "../src/layers";
+import { PointList, type Track, colourOf, spans, splitTracks } from "../src/points";
+
+const TRACK: Track = { xy: Float32Array.of(0, 0), occlusion: Float32Array.of(0), occluded: [false] };
+const draft = (x: number) => ({ t: 0, x, y: 0 });
+
+describe("the list of points", () => {
+  it("undoes and redoes each change as one step", () => {
+    const points = new PointList();
+    const names = () => points.all.map(({ name }) => name);
+    points.add([draft(1), draft(2)], [TRACK, TRACK]);
+    points.change(2, { name: "eye" });
+    points.remove(1);
+    expect(names()).toEqual(["eye"]);
+    points.undo();
+    points.undo();
+    expect(names()).toEqual(["Point 1", "Point 2"]);
+    points.redo();
+    expect(names()).toEqual(["Point 1", "eye"]);
+    points.clear();
+    expect(points.canRedo).toBe(false);
+    for (let step = 0; step < 9; step++) points.undo();
+    expect(points.all).toEqual([]);
+    expect(points.canUndo).toBe(false);
+  });
+
+  it("gives neighbours colours that differ", () => {
+    const colours = Array.from({ length: 12 }, (_, id) => colourOf(id));
+    expect(new Set(colours).size).toBe(12);
+    expect(colours.every((colour) => /^#[0-9a-f]{6}$/.test(colour))).toBe(true);
+  });
+});
+
+describe("tracks", () => {
+  it("are cut out of the answer row by row", () => {
+    const [first, second] = splitTracks(Float32Array.of(1, 2, 3, 4, 5, 6, 7, 8), Float32Array.of(0.1, 0.5, 0.6, 1), 2, 0.5);
+    expect(first).toEqual({ xy: Float32Array.of(1, 2, 3, 4), occlusion: Float32Array.of(0.1, 0.5), occluded: [false, false] });
+    expect(second?.occluded).toEqual([true, true]);
+  });
+
+  it("have spans that cover every frame once", () => {
+    expect(spans([false, false, true, false])).toEqual([
+      { begin: 0, end: 2, occluded: false },
+      { begin: 2, end: 3, occluded: true },
+      { begin: 3, end: 4, occluded: false },
+    ]);
+    expect(spans([])).toEqual([]);
+  });
+});
+
+describe("areas", () => {
+  const image = { width: 20, height: 10 };
+
+  it("hold a centred grid", () => {
+    const places = gridInside(box({ x: 0, y: 0 }, { x: 11, y: 6 }), 5, image);
+    expect(places.map(({ x, y }) => [x, y])).toEqual([0.5, 5.5].flatMap((y) => [0.5, 5.5, 10.5].map((x) => [x, y])));
+    expect(gridInside(box({ x: 3, y: 3 }, { x: 4, y: 5 }), 16, image)).toEqual([{ x: 3.5, y: 4 }]);
+  });
+
+  it("keep to the image and to the lasso", () => {
+    const places = gridInside([{ x: -9, y: -9 }, { x: 99, y: -9 }, { x: -9, y: 99 }], 2, image);
+    expect(places.length).toBeGreaterThan(10);
+    expect(places.every((place) => JSON.stringify(clampPlace(place, image)) === JSON.stringify(place))).toBe(true);
+    expect(places.some(({ x, y }) => x > 15 && y > 8)).toBe(false);
+  });
+});
+
+describe("layers", () => {
+  it("cover the image, whatever the raster", () => {
+    const image = { width: 320, height: 160 };
+    expect(rasterSize(image, 0)).toEqual({ width: 48, height: 24 });
+    expect(rasterSize(image, 2)).toEqual(image);
+    const raster = { width: 2, height: 1 };
+    expect([...rays(3, raster, image, 0, 2)]).toEqual([3, 79.5, 79.5, 3, 239.5, 79.5]);
+    expect([...rays(0, image, image, 321, 322)]).toEqual([0, 1, 1]);
+  });
+
+  it("are made for the frame shown first, then ahead", () => {
+    const levels = [-1, -1, -1];
+    const order: string[] = [];
+    for (;;) {
+      const work = nextWork(1, 3, (frame) => levels[frame] ?? 9);
+      if (work === undefined) break;
+      order.push(`${work.frame}@${work.level}`);
+      levels[work.frame] = work.level;
+    }
+    expect(order).toEqual(["1@0", "1@1", "1@2", "2@0", "0@0", "2@1", "0@1"]);
+  });
+});

@@ -1,0 +1,348 @@
+"""The page in Chromium, with a model whose every answer can be worked out by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from decomo_runtime import Tracker, Tracks
+from decomo_runtime.cli import main as track_main
+from decomo_runtime.view.cli import main as view_main
+from decomo_runtime.view.site import write_site
+from tiny_model import VELOCITY, write_tiny_model
+
+pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
+from playwright.sync_api import expect
+
+from view_page import ViewPage, opened, served
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "slide.onnx"
+    return write_tiny_model(path, num_frames=NUM_FRAMES, height=HEIGHT, width=WIDTH, clip_name="slide")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Frame i has one grey, 40 i."""
+    folder = tmp_path_factory.mktemp("clips") / "slide"
+    folder.mkdir()
+    for frame in range(NUM_FRAMES):
+        cv2.imwrite(str(folder / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), 40 * frame, np.uint8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shared_view(chromium: Browser, model: Path, clip: Path, tmp_path_factory: pytest.TempPathFactory):
+    with opened(chromium, tmp_path_factory.mktemp("site"), model, clip) as view:
+        yield view
+
+
+@pytest.fixture
+def view(shared_view: ViewPage) -> Iterator[ViewPage]:
+    """The page with the clip, without points, at frame 0."""
+    shared_view.clear()
+    shared_view.page.keyboard.press("1")
+    shared_view.page.locator("#trails").fill("0")
+    shared_view.seek(0)
+    return shared_view
+
+
+def test_click_draws_the_track(view: ViewPage, model: Path, tmp_path: Path):
+    view.seek(2)
+    view.click(20, 21)
+    np.testing.assert_allclose(view.where_drawn(), (20, 21), atol=0.5)
+    (query,) = view.tracks(tmp_path).queries
+    track = Tracker(model).track([query])
+    for frame in range(NUM_FRAMES):
+        view.seek(frame)
+        np.testing.assert_allclose(view.where_drawn(), track.xy[0, frame], atol=0.5)
+
+
+def test_disc_in_sight_and_ring_where_hidden(view: ViewPage):
+    view.click(20, 21)
+    colour = view.colour_at(20, 21)
+    for frame, hidden in ((1, False), (3, False), (4, True), (5, True)):
+        view.seek(frame)
+        x, y = np.array([20, 21]) + frame * np.array(VELOCITY)
+        assert (np.abs(view.colour_at(x, y) - colour).max() > 0.05) == hidden
+        np.testing.assert_allclose(view.where_drawn(), (x, y), atol=0.5)
+
+
+def test_scrubbing_and_keys_show_the_clip_s_own_frames(view: ViewPage):
+    press = view.page.keyboard.press
+    view.stage.evaluate("element => document.activeElement.blur()")
+    steps = (("ArrowRight", 1), (".", 2), ("End", 5), (",", 4), ("ArrowLeft", 3), ("Home", 0), ("ArrowLeft", 0))
+    for key, frame in steps:
+        press(key)
+        view.expect_frame(frame)
+        expect_grey(view, 40 * frame)
+    press(" ")
+    expect(view.page.locator("#play")).to_have_attribute("aria-pressed", "true")
+    expect(view.page.locator("#frame-number")).not_to_have_text("0 / 5")
+    press(" ")
+    expect(view.page.locator("#play")).to_have_attribute("aria-pressed", "false")
+
+
+def expect_grey(view: ViewPage, grey: int) -> None:
+    """The clip's frame, once it is decoded."""
+    for _ in range(100):
+        if np.abs(view.colour_at(5, 5) * 255 - grey).max() <= 3:
+            return
+        view.page.wait_for_timeout(50)
+    pytest.fail(f"the stage shows {view.colour_at(5, 5) * 255}, not the grey {grey}")
+
+
+def test_ten_points_rename_delete_undo(view: ViewPage, tmp_path: Path):
+    for x in range(4, 44, 4):
+        view.click(x, 30)
+    tracks = view.tracks(tmp_path)
+    np.testing.assert_allclose(tracks.queries[:, 1:], [(x, 30) for x in range(4, 44, 4)], atol=0.1)
+    name = view.rows.nth(3).locator("input[type=text]")
+    name.fill("left eye")
+    name.press("Enter")
+    expect(name).to_be_focused()
+    expect(view.rows.nth(3).locator("input[type=text]")).to_have_value("left eye")
+    view.rows.nth(4).get_by_role("button").click()
+    expect(view.rows).to_have_count(9)
+    for _ in range(2):
+        view.page.locator("#undo").click()
+    expect(view.rows).to_have_count(10)
+    expect(view.rows.nth(3).locator("input[type=text]")).not_to_have_value("left eye")
+    view.page.locator("#redo").click()
+    expect(view.rows.nth(3).locator("input[type=text]")).to_have_value("left eye")
+    expect(view.rows.nth(0).locator(".strip")).to_have_attribute("aria-label", "hidden in frames 4 to 5")
+    expect(view.rows.nth(0).locator("small")).to_have_text("4/6")
+
+
+def test_strip_seeks_and_selects(view: ViewPage):
+    view.click(10, 10)
+    view.click(30, 30)
+    strip = view.rows.nth(0).locator(".strip")
+    box = strip.bounding_box()
+    assert box is not None
+    strip.click(position={"x": 0.75 * box["width"], "y": 3})
+    view.expect_frame(4)
+    expect(view.rows.nth(0)).to_have_attribute("aria-current", "true")
+
+
+def test_layers_and_split(view: ViewPage, model: Path):
+    look = Tracker(model).sample([(3, 10.0, 8.0)])
+    view.seek(3)
+    expected = {
+        "fused": look.rgb[0],
+        "static": look.rgb_static[0],
+        "dynamic": look.rgb_dynamic[0],
+        "mask": np.full(3, 1 - look.static_confidence[0]),
+        "depth": np.full(3, 1 - look.depth[0] / 2),
+    }
+    for layer, colour in expected.items():
+        view.page.get_by_label(layer.capitalize(), exact=True).check(force=True)
+        for _ in range(100):  # the finer rasters follow
+            if np.abs(view.colour_at(10, 8) - colour).max() < 0.02:
+                break
+            view.page.wait_for_timeout(50)
+        np.testing.assert_allclose(view.colour_at(10, 8), colour, atol=0.02)
+    view.page.keyboard.press("1")
+    view.page.locator("#split").select_option("mask")
+    view.page.locator("#divider").fill("0.5")
+    np.testing.assert_allclose(view.colour_at(5, 8), 120 / 255, atol=0.02)
+    np.testing.assert_allclose(view.colour_at(40, 8), 0.5, atol=0.02)
+    view.page.locator("#split").select_option("nothing")
+    np.testing.assert_allclose(view.colour_at(40, 8), 120 / 255, atol=0.02)
+
+
+def test_areas_hold_a_grid(view: ViewPage, tmp_path: Path):
+    view.page.locator("#spacing").fill("10")
+    view.drag((4, 4), (26, 16))
+    expect(view.rows).to_have_count(6)
+    assert sorted({round(float(x)) for x in view.tracks(tmp_path).queries[:, 1]}) == [5, 15, 25]
+    view.page.get_by_label("Lasso").check(force=True)
+    view.drag((2, 36), (46, 36), (46, 2))
+    places = view.tracks(tmp_path).queries[6:, 1:]
+    assert len(places) > 2
+    assert all(y > 36 - (x - 2) * 34 / 44 - 1 for x, y in places)  # below the diagonal
+    view.page.get_by_label("Box").check(force=True)
+    view.page.locator("#spacing").fill("1")
+    view.drag((0, 0), (40, 30))
+    view.expect_alert("raise the spacing")
+
+
+def test_csv_feeds_decomo_track(view: ViewPage, model: Path, tmp_path: Path):
+    view.click(12.25, 7)
+    view.seek(3)
+    view.click(33, 28.5)
+    saved = view.save("points.csv", tmp_path)
+    out = tmp_path / "tracks.csv"
+    assert track_main([str(model), "--queries", str(saved), "--out", str(out)]) == 0
+    of_page = np.loadtxt(view.save("tracks.csv", tmp_path), delimiter=",", skiprows=1)
+    np.testing.assert_allclose(of_page, np.loadtxt(out, delimiter=",", skiprows=1), atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["points.csv", "points.json", "tracks.npz"])
+def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path):
+    view.click(12.25, 7)
+    view.seek(3)
+    view.click(33, 28.5)
+    before = view.tracks(tmp_path)
+    saved = view.save(kind, tmp_path)
+    view.clear()
+    view.open(saved)
+    expect(view.rows).to_have_count(2)
+    after = view.tracks(tmp_path)
+    np.testing.assert_array_equal(after.queries, before.queries)
+    np.testing.assert_array_equal(after.xy, before.xy)
+
+
+def test_video_has_every_frame_and_the_points(view: ViewPage, tmp_path: Path):
+    view.click(20, 21)
+    saved = view.save("video", tmp_path)
+    with av.open(str(saved)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+        assert float(container.streams.video[0].average_rate or 0) == pytest.approx(12.5, rel=0.02)
+    assert len(frames) == NUM_FRAMES
+    factor = frames[0].shape[1] / WIDTH
+    for number, frame in enumerate(frames):
+        assert np.median(frame) == pytest.approx(40 * number, abs=8)
+        x, y = np.array([20, 21]) + number * np.array(VELOCITY)
+        mark = frame[int((y + 0.5) * factor) - 12 :, int((x + 0.5) * factor) - 12 :][:24, :24]
+        assert np.ptp(mark.astype(int), axis=-1).max() > 60, "no colour where the point is"
+
+
+def test_keyboard_alone(view: ViewPage, tmp_path: Path):
+    page = view.page
+    page.locator("#split").focus()
+    page.keyboard.press("Tab")
+    expect(view.stage).to_be_focused()
+    for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp", "ArrowDown"):
+        page.keyboard.press(key)
+    page.keyboard.press("Enter")
+    expect(view.rows).to_have_count(1)
+    (query,) = view.tracks(tmp_path).queries
+    np.testing.assert_array_equal(query, [0, WIDTH // 2 + 2, HEIGHT // 2 - 9])
+    view.stage.focus()
+    page.keyboard.press("b")
+    for _ in range(2):
+        page.keyboard.press("Shift+ArrowDown")
+        page.keyboard.press("Shift+ArrowRight")
+    page.locator("#spacing").evaluate("element => element.value = 5")
+    page.keyboard.press("Enter")
+    expect(view.rows).not_to_have_count(1)
+    page.keyboard.press("Control+z")
+    expect(view.rows).to_have_count(1)
+    page.keyboard.press("Delete")
+    page.keyboard.press("Control+z")
+    expect(view.rows).to_have_count(1)
+    page.locator("#help").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#keys")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#keys")).to_be_hidden()
+
+
+def test_foreign_files_get_one_sentence_and_the_page_goes_on(view: ViewPage, clip: Path, tmp_path: Path):
+    foreign = write_tiny_model(
+        tmp_path / "foreign.onnx", num_frames=3, height=8, width=8, metadata={"decomotion.format_version": None}
+    )
+    (tmp_path / "text.onnx").write_text("hello")
+    (tmp_path / "points.csv").write_text("t,x,y\n0,1,2\n9,1,2\n")
+    (tmp_path / "slide.mp4").write_bytes(b"")
+    short = sorted(clip.iterdir())[:-1]
+    for files, sentence in (
+        ([foreign], "foreign.onnx is an ONNX file but holds no decomotion model"),
+        ([tmp_path / "text.onnx"], "text.onnx is not an ONNX file"),
+        (short, "5 frames of 48x40 but the model was fitted to slide with 6 frames of 48x40; give that clip"),
+        ([tmp_path / "slide.mp4"], "slide.mp4 is a video; give its frames as images"),
+        ([tmp_path / "points.csv"], "point 1 (counted from 0): t is 9"),
+    ):
+        view.open(*files)
+        view.expect_alert(sentence)
+    view.page.locator("#alert button").click()
+    view.click(20, 20)
+
+
+def test_another_model_and_its_clip_are_opened(chromium: Browser, model: Path, clip: Path, tmp_path: Path):
+    other = write_tiny_model(tmp_path / "other.onnx", num_frames=4, height=20, width=30, clip_name="other")
+    frames = [tmp_path / f"{frame}.png" for frame in (2, 10, 11, 100)]
+    for grey, frame in enumerate(frames):
+        cv2.imwrite(str(frame), np.full((20, 30, 3), 60 * grey, np.uint8))
+    with opened(chromium, tmp_path / "site", model, clip) as view:
+        view.click(20, 20)
+        view.open(other)
+        view.expect_alert("The clip has 6 frames of 48x40 but the model was fitted to other")
+        expect(view.page.locator("#facts")).to_contain_text("other · 4 frames of 30")
+        expect(view.rows).to_have_count(0)
+        view.size = (30, 20)
+        view.open(*reversed(frames))
+        expect(view.page.locator("input[value=clip]")).to_be_checked()
+        view.seek(2)
+        expect_grey(view, 120)
+        view.click(3, 4)
+        np.testing.assert_allclose(view.tracks(tmp_path).queries, [(2, 3, 4)], atol=0.05)
+
+
+def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp_path: Path):
+    """`--export` in a subfolder of a host that sends no header of ours, as a phone sees it."""
+    assert view_main([str(model), "--export", str(tmp_path / "web" / "sub")]) == 0
+    handler = partial(QuietHandler, directory=str(tmp_path / "web"))
+    with (
+        ThreadingHTTPServer(("127.0.0.1", 0), handler) as server,
+        chromium.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark", has_touch=True) as context,
+    ):
+        Thread(target=server.serve_forever, daemon=True).start()
+        view = ViewPage(context.new_page(), WIDTH, HEIGHT)
+        view.page.goto(f"http://127.0.0.1:{server.server_address[1]}/sub/")
+        view.wait_until_open()
+        expect(view.page.locator("#facts")).to_contain_text("without its clip")
+        assert not view.page.evaluate("crossOriginIsolated")
+        across, down = view.on_stage(10, 10)
+        view.stage.tap(position={"x": across, "y": down})
+        expect(view.rows).to_have_count(1)
+        wide = view.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert wide <= 0, "the page scrolls sideways on a phone"
+        assert view.complaints == []
+        server.shutdown()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+def test_old_browser_is_told_what_it_lacks(chromium: Browser, model: Path, tmp_path: Path):
+    (tmp_path / "site").mkdir()
+    write_site(tmp_path / "site", model, None)
+    with served(tmp_path / "site") as address, chromium.new_context() as context:
+        page = context.new_page()
+        page.add_init_script("delete window.WebAssembly")
+        page.goto(address)
+        expect(page.locator("#alert p")).to_have_text(
+            "This browser has no WebAssembly, which the page needs; use a current Chrome, Edge, Firefox or Safari."
+        )
+
+
+def test_tracks_of_the_page_are_those_of_the_runtime(view: ViewPage, model: Path, tmp_path: Path):
+    view.drag((2, 2), (45, 37))
+    expect(view.page.locator("#status")).to_contain_text("answered in")
+    tracks = view.tracks(tmp_path)
+    expected: Tracks = Tracker(model).track(tracks.queries)
+    np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-3)
+    np.testing.assert_allclose(tracks.occlusion, expected.occlusion, atol=1e-5)
+    np.testing.assert_array_equal(tracks.occluded, expected.occluded)

@@ -1,0 +1,85 @@
+"""`decomo-view` up to the browser: what it writes and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from decomo_runtime.view import cli
+from decomo_runtime.view.site import PAGE
+from decomotion.clip import read_clip
+from tiny_model import write_tiny_model
+
+
+def test_export_writes_page_model_and_clip(model_path: Path, clip_path: Path, tmp_path: Path):
+    site = tmp_path / "new" / "site"
+    assert cli.main([str(model_path), "--clip", str(clip_path), "--export", str(site)]) == 0
+    assert (site / "model.onnx").read_bytes() == model_path.read_bytes()
+    assert (site / "index.html").read_bytes() == (PAGE / "index.html").read_bytes()
+    record = json.loads((site / "site.json").read_text())
+    clip = read_clip(clip_path)
+    assert record["model"] == "model.onnx"
+    assert record["clip"]["name"] == clip.name
+    pictures = [cv2.imread(str(site / name)) for name in record["clip"]["frames"]]
+    assert len(pictures) == len(clip)
+    for picture, frame in zip(pictures, clip.frames, strict=True):
+        assert picture is not None
+        assert (
+            np.abs(picture[..., ::-1].astype(int) - frame).mean() < 8
+        )  # of noise, at which JPEG is worst; another frame: 85
+    assert sorted(path.name for path in site.parent.iterdir()) == ["site"]
+
+
+def test_export_without_a_clip_into_an_empty_folder(model_path: Path, tmp_path: Path):
+    (tmp_path / "site").mkdir()
+    assert cli.main([str(model_path), "--export", str(tmp_path / "site")]) == 0
+    assert json.loads((tmp_path / "site" / "site.json").read_text())["clip"] is None
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one sentence with which `decomo-view` refuses `arguments`."""
+    assert cli.main([str(argument) for argument in arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("Error: ")
+    assert printed.err.count("\n") == 1
+    return printed.err
+
+
+def test_refuses_what_is_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "text.onnx").write_text("hello")
+    foreign = write_tiny_model(
+        tmp_path / "f.onnx", num_frames=3, height=8, width=8, metadata={"decomotion.format_version": None}
+    )
+    assert "does not exist" in refusal(capsys, tmp_path / "none.onnx", "--export", tmp_path / "site")
+    assert "not an ONNX file" in refusal(capsys, tmp_path / "text.onnx", "--export", tmp_path / "site")
+    assert "holds no decomotion model" in refusal(capsys, foreign, "--export", tmp_path / "site")
+    assert not (tmp_path / "site").exists()
+
+
+def test_refuses_another_clip(model_path: Path, clip_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    shutil.copytree(clip_path, tmp_path / "short")
+    next((tmp_path / "short").rglob("*.png")).unlink()
+    arguments = ["--clip", tmp_path / "short", "--export", tmp_path / "out" / "site"]
+    assert "give that clip" in refusal(capsys, model_path, *arguments)
+    assert not (tmp_path / "out").exists()
+
+
+def test_refuses_a_folder_that_is_not_empty(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    folder = tmp_path / "work"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("years of work")
+    assert "not an empty folder" in refusal(capsys, model_path, "--export", folder)
+    assert [path.name for path in folder.iterdir()] == ["thesis.txt"]
+
+
+def test_refuses_a_port_in_use(model_path: Path, capsys: pytest.CaptureFixture[str]):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert f"port {port} is in use" in refusal(capsys, model_path, "--no-browser", "--port", port)

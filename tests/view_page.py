@@ -1,0 +1,155 @@
+"""The page of `decomo-view` as a person uses it: served, opened in Chromium, clicked."""
+
+from __future__ import annotations
+
+import base64
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from playwright.sync_api import Browser, Page, expect
+
+from decomo_runtime import Tracks
+from decomo_runtime.view.server import HOST, make_server
+from decomo_runtime.view.site import read_inputs, write_site
+
+PATIENCE = 60_000
+"""Milliseconds; a busy machine is not a failure."""
+expect.set_options(timeout=PATIENCE)
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address at which `folder` is served as `decomo-view` does."""
+    with make_server(folder) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield f"http://{HOST}:{server.server_address[1]}/"
+        server.shutdown()
+        thread.join()
+
+
+class ViewPage:
+    """What a person does on the page, and what they see. Places are in pixels of the clip."""
+
+    def __init__(self, page: Page, width: int, height: int) -> None:
+        self.page = page
+        self.size = (width, height)
+        self.stage = page.locator("#stage")
+        self.rows = page.locator("#points li")
+        self.complaints: list[str] = []
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
+
+    def wait_until_open(self) -> None:
+        expect(self.page.locator("#loading")).to_be_hidden()
+
+    def on_stage(self, x: float, y: float) -> tuple[float, float]:
+        """The place (x, y) in CSS pixels of the stage, from its upper left corner."""
+        box = self.stage.bounding_box()
+        assert box is not None
+        width, height = self.size
+        return (x + 0.5) * box["width"] / width, (y + 0.5) * box["height"] / height
+
+    def click(self, x: float, y: float) -> None:
+        """Clicks there and waits for the new point."""
+        count = self.rows.count()
+        across, down = self.on_stage(x, y)
+        self.stage.click(position={"x": across, "y": down})
+        expect(self.rows).to_have_count(count + 1)
+
+    def drag(self, *places: tuple[float, float]) -> None:
+        box = self.stage.bounding_box()
+        assert box is not None
+        corners = [self.on_stage(*place) for place in places]
+        mouse = self.page.mouse
+        mouse.move(box["x"] + corners[0][0], box["y"] + corners[0][1])
+        mouse.down()
+        for across, down in corners[1:]:
+            mouse.move(box["x"] + across, box["y"] + down, steps=4)
+        mouse.up()
+
+    def seek(self, frame: int) -> None:
+        self.page.locator("#scrub").fill(str(frame))
+        self.expect_frame(frame)
+
+    def expect_frame(self, frame: int) -> None:
+        last = self.page.locator("#scrub").get_attribute("max")
+        expect(self.page.locator("#frame-number")).to_have_text(f"{frame} / {last}")
+
+    def clear(self) -> None:
+        if self.rows.count():
+            self.page.locator("#clear").click()
+        expect(self.rows).to_have_count(0)
+
+    def pixels(self) -> npt.NDArray[np.uint8]:
+        """[h, w, 3], what the stage shows, RGB."""
+        got = self.page.evaluate(
+            """async () => {
+              await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+              const canvas = document.getElementById("stage");
+              const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+              let text = "";
+              for (let at = 0; at < data.length; at += 8192)
+                text += String.fromCharCode(...data.subarray(at, at + 8192));
+              return [canvas.height, canvas.width, btoa(text)];
+            }"""
+        )
+        height, width, text = got
+        return np.frombuffer(base64.b64decode(text), np.uint8).reshape(height, width, 4)[..., :3]
+
+    def where_drawn(self, row: int = 0) -> tuple[float, float]:
+        """The centre of all that has exactly the colour of the point in that row, in pixels of the clip."""
+        colour = self.rows.nth(row).locator("input[type=color]").input_value()
+        rgb = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
+        pixels = self.pixels()
+        down, across = np.nonzero((pixels == rgb).all(-1))
+        assert len(down) > 3, f"nothing of colour {colour} is drawn"
+        height, width = pixels.shape[:2]
+        return (
+            float((across.min() + across.max() + 1) / 2 * self.size[0] / width - 0.5),
+            float((down.min() + down.max() + 1) / 2 * self.size[1] / height - 0.5),
+        )
+
+    def colour_at(self, x: float, y: float) -> npt.NDArray[np.float64]:
+        """RGB in [0, 1] of what the stage shows at a place."""
+        pixels = self.pixels()
+        height, width = pixels.shape[:2]
+        down, across = (y + 0.5) * height / self.size[1], (x + 0.5) * width / self.size[0]
+        return pixels[int(down), int(across)] / 255
+
+    def save(self, kind: str, folder: Path) -> Path:
+        """Clicks a button under 'Save' and returns the file."""
+        with self.page.expect_download(timeout=PATIENCE) as download:
+            self.page.locator(f"[data-save='{kind}']").click()
+        path = folder / download.value.suggested_filename
+        download.value.save_as(path)
+        return path
+
+    def tracks(self, folder: Path) -> Tracks:
+        """All points, as the page saves them."""
+        return Tracks.load(self.save("tracks.npz", folder))
+
+    def open(self, *files: Path) -> None:
+        self.page.locator("#files").set_input_files([str(file) for file in files])
+
+    def expect_alert(self, sentence: str) -> None:
+        expect(self.page.locator("#alert p")).to_contain_text(sentence)
+
+
+@contextmanager
+def opened(browser: Browser, folder: Path, model: Path, clip: Path | None = None, **options: Any) -> Iterator[ViewPage]:
+    """The page with that model, which must end without an error on its console; `options` are a browser context's."""
+    facts, frames = read_inputs(model, clip)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_site(folder, model, frames)
+    with served(folder) as address, browser.new_context(**options) as context:
+        view = ViewPage(context.new_page(), facts.width, facts.height)
+        view.page.goto(address)
+        view.wait_until_open()
+        yield view
+        assert view.complaints == []
