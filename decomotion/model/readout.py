@@ -72,7 +72,8 @@ def answer(
     """Tracks of query points through `frames`.
 
     Occlusion is the model's own cycle error: the surface that is seen at the point's place in the target frame is
-    carried back to the query's frame; it is the same point if it returns to where the query was.
+    carried back to the query's frame; it is the same point if it returns to where the query was. In its own frame a
+    query is where it is, and visible. This is the definition; `decomo_export.graph` is the form that answers fast.
 
     Args:
         model: the fused model.
@@ -89,7 +90,8 @@ def answer(
         surface.canonical[:, 0].expand(*shape, 3),
         surface.is_static[:, 0].expand(shape),
     )
-    there = carry(model, repeated, targets)
+    at_home = frames[:, None] == query_frame
+    there = torch.where(at_home[..., None], query_xy, carry(model, repeated, targets))
 
     plane = model.plane
     last = there.new_tensor([plane.width - 1.0, plane.height - 1.0])
@@ -100,4 +102,5 @@ def answer(
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
     error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
     occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
+    occlusion = occlusion.masked_fill(at_home, 0.0)
     return Answer(there.transpose(0, 1), occlusion.transpose(0, 1))
