@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import onnx
+import onnx_ir
+import onnx_ir.passes.common
+import onnxscript.optimizer
 import torch
 
 import decomotion
-from decomo_export.empty import admit_empty
+from decomo_export.baking import Bake
 from decomo_export.graph import QueryGraph
+from decomo_export.lazy import compute_on_demand
 from decomo_export.parity import Parity, measure
 from decomo_runtime import contract
 from decomotion import checkpoint
@@ -32,7 +36,7 @@ class Exported:
     parity: Parity
 
 
-def export(path: str | Path, run: str | Path | None = None) -> Exported:
+def export(path: str | Path, run: str | Path | None = None, *, bake: Bake = "none") -> Exported:
     """Exports the model of a run and compares the file with torch.
 
     Args:
@@ -44,10 +48,10 @@ def export(path: str | Path, run: str | Path | None = None) -> Exported:
     """
     folder = Path(run) if run is not None else checkpoint.latest_run()
     loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
-    graph = QueryGraph(loaded.model.eval()).eval()
+    graph = QueryGraph(loaded.model.eval(), bake).eval()
     proto = _trace(graph)
     _name_axes(proto)
-    admit_empty(proto)
+    compute_on_demand(proto)
     onnx.helper.set_model_props(proto, _metadata(loaded))
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:
@@ -73,13 +77,29 @@ def _trace(graph: QueryGraph) -> onnx.ModelProto:
                 input_names=list(contract.INPUTS),
                 output_names=list(contract.OUTPUTS),
                 opset_version=contract.OPSET,
-                optimize=True,
+                optimize=False,
                 verbose=False,
             )
     finally:
         logging.getLogger("torch.onnx").setLevel(level)
     assert program is not None
-    return program.model_proto
+    return _tidy(program.model)
+
+
+def _tidy(model: onnx_ir.Model) -> onnx.ModelProto:
+    """Constants folded, nothing twice, nothing unused: what onnxscript's optimiser does in a twentieth of its time.
+
+    Look-up tables are left as they are: a runtime unfolds them when it loads.
+    """
+    onnxscript.optimizer.fold_constants(model)
+    passes = (
+        onnx_ir.passes.common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0),
+        onnx_ir.passes.common.CommonSubexpressionEliminationPass(),
+        onnx_ir.passes.common.RemoveUnusedNodesPass(),
+    )
+    for each in passes:
+        each(model)
+    return onnx_ir.to_proto(model)
 
 
 def _name_axes(proto: onnx.ModelProto) -> None:
