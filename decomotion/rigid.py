@@ -62,7 +62,7 @@ def rigid_residual(model: DecoMotion, pool: Pool) -> npt.NDArray[np.float32]:
     residual = []
     for frame in range(pool.num_frames):
         xy = torch.from_numpy(np.array(pool.points[frame])).to(device)
-        surface = surface_of(model.cast(xy[None], conditioning, torch.tensor([frame], device=device)))
+        surface = surface_of(model, xy[None], conditioning, torch.tensor([frame], device=device))
         distances = []
         for other in neighbours(frame, pool.num_frames):
             there = carry(model, surface, conditioning, torch.tensor([other], device=device))[0].cpu().numpy()

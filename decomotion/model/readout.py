@@ -1,6 +1,6 @@
 """Answers: where a query point is in other frames, and whether it is hidden there.
 
-A query's ray is composited once. The point that is carried to the other frames is the surface that the ray meets, in
+A query's ray is rendered once. The point that is carried to the other frames is the surface that the ray meets, in
 canonical space, of the volume that owns the pixel; position and occlusion of all frames follow from that one point.
 """
 
@@ -12,8 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from decomotion.compositing import composite
-from decomotion.model.fusion import DecoMotion, PairConditioning, Rays
+from decomotion.model.fusion import DecoMotion, PairConditioning
 
 
 @dataclass(frozen=True)
@@ -36,17 +35,27 @@ class Answer:
     """Score in [0, 1]; 0.5 where the cycle error is the configured scale."""
 
 
-def surface_of(rays: Rays) -> Surface:
-    """The surface that each ray meets.
+def surface_of(
+    model: DecoMotion,
+    xy: Float[Tensor, "batch point 2"],
+    conditioning: PairConditioning,
+    frame: Int[Tensor, " batch"] | None = None,
+) -> Surface:
+    """The surface that the rays through pixels `xy` meet, in the frames of `conditioning` (row by row, or row `frame`).
 
-    The volume with the larger share of the fused weight owns the pixel; its samples are averaged by weight. Averaging
-    over both volumes, as in training, would put points of an object's outline between the object and the scene.
+    The volume with the larger share of the fused weight owns the pixel. Its samples' depths are averaged by weight, and
+    the ray's point at that depth is mapped to canonical space. Averaging the samples' canonical positions instead would
+    leave the surface, since the map bends the ray; averaging over both volumes, as in training, would put points of an
+    object's outline between the object and the scene.
     """
-    static, dynamic = rays.fused_static.sum(-1, keepdim=True), rays.fused_dynamic.sum(-1, keepdim=True)
-    u = composite(rays.fused_static, rays.static_canonical) / static.clamp_min(1e-6)
-    v = composite(rays.fused_dynamic, rays.dynamic_canonical) / dynamic.clamp_min(1e-6)
-    is_static = static >= dynamic
-    return Surface(torch.where(is_static, u, v), is_static[..., 0])
+    rays = model.cast(xy, conditioning, frame)
+    is_static = rays.fused_static.sum(-1) >= rays.fused_dynamic.sum(-1)
+    weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
+    depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
+    points = torch.cat([model.plane.normalise(xy), depth[..., None]], dim=-1)
+    u = model.static.to_canonical(points, conditioning.static, frame)
+    v = model.dynamic.to_canonical(points, conditioning.dynamic, frame)
+    return Surface(torch.where(is_static[..., None], u, v), is_static)
 
 
 def carry(
@@ -64,7 +73,6 @@ def carry(
 def answer(
     model: DecoMotion,
     conditioning: PairConditioning,
-    rays: Rays,
     query_xy: Float[Tensor, "query 2"],
     query_frame: Int[Tensor, " query"],
     frames: Int[Tensor, " frame"],
@@ -78,12 +86,11 @@ def answer(
     Args:
         model: the fused model.
         conditioning: of all frames of the clip.
-        rays: the queries' own rays, [query, 1, sample].
         query_xy: pixels.
         query_frame: the frame of each query.
         frames: the target frames.
     """
-    surface = surface_of(rays)
+    surface = surface_of(model, query_xy[:, None], conditioning, query_frame)
     targets = PairConditioning(conditioning.static.take(frames), conditioning.dynamic.take(frames))
     shape = (frames.shape[0], query_xy.shape[0])  # not len(): it would fix the size that the exporter traces
     repeated = Surface(
@@ -97,7 +104,7 @@ def answer(
     last = there.new_tensor([plane.width - 1.0, plane.height - 1.0])
     inside = torch.minimum(there.clamp_min(0.0), last)
     gone = ((there < -0.5) | (there > last + 0.5)).any(-1)
-    seen = surface_of(model.cast(inside, targets))
+    seen = surface_of(model, inside, targets)
     swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
     error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)

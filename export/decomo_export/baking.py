@@ -2,8 +2,8 @@
 
 A table covers each frame with a raster whose longer side is `SIDE` at most. It holds 16-bit codes: of pseudo-depth
 (`depth`), or of the canonical position (`full`); the lowest bit of the last code is the volume that owns the pixel.
-Between four pixels the owner is the volume with the larger bilinear weight, and only its pixels are averaged: an outline
-stays an outline.
+Between four pixels the owner is the volume with the larger bilinear weight, and only its pixels are averaged: an
+outline stays an outline.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from decomo_export.lookup import Raster
@@ -42,7 +42,7 @@ class Rendered(nn.Module):
 
     def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Surface:
         """The surface at pixels `xy` of each point's `frame`."""
-        return self.model.cast(xy, frame).surface()
+        return self.model.surface(xy, self.model.cast(xy, frame), frame)
 
 
 class BakedSurfaces(nn.Module):
@@ -76,7 +76,7 @@ class BakedSurfaces(nn.Module):
         weights = weights * torch.stack([1 - lower, 1 - lower, lower, lower])
         codes = self.codes.index_select(0, corners.flatten()).to(torch.float32).T.unflatten(1, (4, -1)) + LEVELS / 2
         last = torch.floor(codes[-1:] / 2)
-        owner = (codes[-1] - 2 * last[0])  # 1: static
+        owner = codes[-1] - 2 * last[0]  # 1: static
         is_static = (weights * owner).sum(0) >= 0.5
         weights = weights * (owner == is_static.to(owner.dtype))
         values = (torch.cat([codes[:-1], last]) * weights).sum(1) / weights.sum(0)
@@ -88,10 +88,12 @@ class BakedSurfaces(nn.Module):
         return Surface(values, is_static)
 
     @staticmethod
-    def _of_owner(pair: Float[Tensor, "2 channel 1"], static: Float[Tensor, " point"]) -> Float[Tensor, "channel point"]:
+    def _of_owner(
+        pair: Float[Tensor, "2 channel 1"], static: Float[Tensor, " point"]
+    ) -> Float[Tensor, "channel point"]:
         return pair[0] + (pair[1] - pair[0]) * static
 
-    def _render(self) -> tuple[Float[Tensor, "channel point"], Float[Tensor, " point"]]:
+    def _render(self) -> tuple[Float[Tensor, "channel point"], Bool[Tensor, " point"]]:
         """Values and owners of all pixels of all frames, frame by frame, row by row."""
         raster = self.raster
         y, x = torch.meshgrid(torch.arange(raster.height), torch.arange(raster.width), indexing="ij")
@@ -100,13 +102,14 @@ class BakedSurfaces(nn.Module):
         with torch.no_grad():
             for frame in range(self.model.num_frames):
                 for part in xy.split(RAYS_AT_ONCE, dim=1):
-                    rays = self.model.cast(part, torch.full((part.shape[1],), frame))
-                    surface = rays.surface()
+                    frames = torch.full((part.shape[1],), frame)
+                    rays = self.model.cast(part, frames)
+                    surface = self.model.surface(part, rays, frames)
                     values.append(surface.canonical if self.canonical else rays.owner_depth()[None])
                     owners.append(surface.is_static)
         return torch.cat(values, dim=1), torch.cat(owners)
 
-    def _encode(self, values: Float[Tensor, "channel point"], is_static: Tensor) -> None:
+    def _encode(self, values: Float[Tensor, "channel point"], is_static: Bool[Tensor, " point"]) -> None:
         channels = len(values)
         levels = torch.full((channels, 1), LEVELS - 1.0)
         levels[-1] = LEVELS // 2 - 1

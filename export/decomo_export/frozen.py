@@ -7,6 +7,9 @@ Between layers they stay in the layers' axes: one product turns them from one la
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
@@ -16,7 +19,15 @@ from decomo_export.lookup import CellGrid
 from decomotion.geometry import ImagePlane
 from decomotion.model.coupling import CouplingLayer, GridConditioner, bounded
 from decomotion.model.field import GridField
-from decomotion.model.volume import Conditioning, Matter, Volume
+from decomotion.model.volume import Conditioning, Volume
+
+
+class Matter(NamedTuple):
+    """What a volume holds at canonical positions, as `decomotion.model.volume.Matter`; colours are columns."""
+
+    density: Float[Tensor, "*batch"]
+    colour: Float[Tensor, "3 *batch"]
+    confidence: Float[Tensor, "*batch"]
 
 
 class FrozenVolume(nn.Module):
@@ -36,7 +47,7 @@ class FrozenVolume(nn.Module):
         layers = list(volume.couplings)
         bases = [layer.basis.double() for layer in layers] or [torch.eye(3, dtype=torch.float64)]  # type: ignore[union-attr]
         self._affine(conditioning.affine.double(), bases[0], plane)
-        turns = [*(after @ before.T for before, after in zip(bases, bases[1:], strict=False)), bases[-1].T]
+        turns = [*(after @ before.T for before, after in pairwise(bases)), bases[-1].T]
         for index, turn in enumerate(turns):
             self.register_buffer(f"turn_{index}", turn.float(), persistent=False)
         self.couplings = nn.ModuleList(
@@ -69,9 +80,7 @@ class FrozenVolume(nn.Module):
             turned = self.get_buffer(f"turn_{index}") @ torch.cat([turned[:2], moved])
         return turned
 
-    def to_pixels(
-        self, canonical: Float[Tensor, "3 point"], frame: Int[Tensor, " point"]
-    ) -> Float[Tensor, "2 point"]:
+    def to_pixels(self, canonical: Float[Tensor, "3 point"], frame: Int[Tensor, " point"]) -> Float[Tensor, "2 point"]:
         """Pixels of the points' frames at which canonical positions are: the inverse of `to_canonical`."""
         turned = canonical
         for index in reversed(range(len(self.couplings))):
@@ -82,7 +91,7 @@ class FrozenVolume(nn.Module):
         return maps[:, 0] * turned[0] + maps[:, 1] * turned[1] + maps[:, 2] * turned[2] + maps[:, 3]
 
     def matter(self, canonical: Float[Tensor, "3 point"]) -> Matter:
-        """Density [point], colour [3, point] and static confidence [point]."""
+        """What is found at canonical positions."""
         head = self.volume.head
         raw = head.weight @ self.field(canonical) + head.bias[:, None]
         density = raw[3] + self.volume.surface_prior(canonical[2])
@@ -146,7 +155,7 @@ class FrozenGridField(nn.Module):
         """The MLP's last hidden layer at canonical positions."""
         inside = points / self.reach
         values = [plane(inside[:2]) for plane in self.image_planes]
-        values += [plane(inside[axis::2 - axis]) for axis, plane in enumerate(self.depth_planes)]
+        values += [plane(inside[axis :: 2 - axis]) for axis, plane in enumerate(self.depth_planes)]
         hidden = torch.cat([*values, inside.clamp(-1, 1)])
         for linear in self.network[::2]:
             hidden = torch.relu(linear.weight @ hidden + linear.bias[:, None])

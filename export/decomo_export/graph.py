@@ -10,6 +10,10 @@ from decomo_export.baking import Bake, build_surfaces
 from decomo_export.rendering import FrozenModel, Surface
 from decomotion.model.fusion import DecoMotion
 
+ARRAYS_IN_USE = 4
+NARROWEST = 64
+"""Floats that a grid's look-up holds for each point, at least."""
+
 
 class QueryGraph(nn.Module):
     """Query points and target frames in; tracks, occlusion and the appearance of the queries' own rays out.
@@ -28,6 +32,13 @@ class QueryGraph(nn.Module):
         self.surfaces = build_surfaces(self.model, bake)
         self.bake = bake
 
+    @property
+    def bytes_per_ray(self) -> int:
+        """Working memory, roughly, of one query in one frame: samples, times widest layer, times arrays in use."""
+        widest = max(module.out_features for module in self.model.modules() if isinstance(module, nn.Linear))
+        samples = self.model.config.samples if self.bake == "none" else 1
+        return 4 * samples * ARRAYS_IN_USE * max(NARROWEST, widest)
+
     def forward(
         self, queries: Float[Tensor, "query 3"], frames: Int[Tensor, " frame"]
     ) -> tuple[
@@ -42,7 +53,7 @@ class QueryGraph(nn.Module):
         """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
-        surface = rays.surface() if self.bake == "none" else self.surfaces(xy, frame)
+        surface = self.model.surface(xy, rays, frame) if self.bake == "none" else self.surfaces(xy, frame)
         tracks, occlusion = self._follow(xy, frame, surface, frames)
         rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
         return tracks, occlusion, rgb, rgb_static, rgb_dynamic, rays.static_confidence(), rays.depth()
@@ -60,9 +71,7 @@ class QueryGraph(nn.Module):
         start = _for_each_frame(query_xy, shape)
         source = query_frame[:, None].expand(shape).flatten()
         target = frames.expand(shape).flatten()
-        point = Surface(
-            _for_each_frame(surface.canonical, shape), surface.is_static[:, None].expand(shape).flatten()
-        )
+        point = Surface(_for_each_frame(surface.canonical, shape), surface.is_static[:, None].expand(shape).flatten())
         at_home = source == target
         there = torch.where(at_home, start, model.to_pixels(point, target))
 

@@ -18,6 +18,10 @@ from decomo_runtime import contract
 
 TRACKING = (contract.TRACKS, contract.OCCLUSION)
 APPEARANCE = tuple(name for name in contract.OUTPUTS if name not in TRACKING)
+LAST = {f"{contract.TRACKS}_padded": "lazy_two"} | {
+    f"{name}_padded": "lazy_three" for name in (contract.RGB, contract.RGB_STATIC, contract.RGB_DYNAMIC)
+}
+"""Constants that are the last axis of an output of the body, where that is not of length 1."""
 CONSTANTS = {
     "lazy_zero": np.zeros(1, np.int64),
     "lazy_one": np.ones(1, np.int64),
@@ -51,8 +55,8 @@ def compute_on_demand(proto: onnx.ModelProto) -> None:
         helper.make_node("Greater", ["frame_count", "lazy_zero"], ["any_frame"]),
     ]
     branches = [
-        _branch("any_frame", tracks, [renamed[name] for name in TRACKING], {contract.TRACKS: "lazy_two"}, "frame_count"),
-        _branch(contract.APPEARANCE, appearance, [renamed[name] for name in APPEARANCE], dict.fromkeys(COLOURS, "lazy_three")),
+        _branch("any_frame", tracks, [renamed[name] for name in TRACKING], ["frame_count"]),
+        _branch(contract.APPEARANCE, appearance, [renamed[name] for name in APPEARANCE], []),
     ]
     after = [
         helper.make_node("Slice", [renamed[name], "lazy_zero", "query_count"], [name]) for name in contract.OUTPUTS
@@ -63,9 +67,6 @@ def compute_on_demand(proto: onnx.ModelProto) -> None:
     graph.initializer.append(numpy_helper.from_array(np.array(True), contract.APPEARANCE))
     graph.initializer.extend(numpy_helper.from_array(value, name) for name, value in CONSTANTS.items())
     del graph.value_info[:]  # shapes recorded for the unpadded body no longer hold
-
-
-COLOURS = (contract.RGB, contract.RGB_STATIC, contract.RGB_DYNAMIC)
 
 
 def _needed_by(body: Sequence[onnx.NodeProto], names: Iterable[str]) -> set[int]:
@@ -79,13 +80,13 @@ def _needed_by(body: Sequence[onnx.NodeProto], names: Iterable[str]) -> set[int]
 
 
 def _branch(
-    condition: str, nodes: Sequence[onnx.NodeProto], outputs: Sequence[str], last_axes: dict[str, str], *axes: str
+    condition: str, nodes: Sequence[onnx.NodeProto], outputs: Sequence[str], axes: Sequence[str]
 ) -> onnx.NodeProto:
-    """`nodes` where `condition` holds; else zeros, [query, *axes] and for those in `last_axes` one more axis."""
+    """`nodes` where `condition` holds; else zeros, [query, *axes], and the axis of `LAST` where there is one."""
     zero = numpy_helper.from_array(np.zeros(1, np.float32))
     otherwise = []
     for name in outputs:
-        last = [last_axes[key] for key in last_axes if name == f"{key}_padded"]
+        last = [LAST[name]] if name in LAST else []
         otherwise += [
             helper.make_node("Concat", ["query_rows", *axes, *last], [f"{name}_shape"], axis=0),
             helper.make_node("ConstantOfShape", [f"{name}_shape"], [f"{name}_none"], value=zero),

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from decomo_export.frozen import FrozenVolume
+from decomo_export.frozen import FrozenVolume, Matter
 from decomotion.compositing import composite_weights, fused_weights
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.volume import Matter, Volume
+from decomotion.model.volume import Volume
 from decomotion.rays import sample_depths
 
 
@@ -39,15 +39,10 @@ class FrozenRays:
         """Each volume's share of the fused weight."""
         return [weights.sum(-1) for weights in self.weights]
 
-    def surface(self) -> Surface:
-        """The surface that each ray meets, as `decomotion.model.readout.surface_of` defines it."""
-        shares = self.shares()
-        is_static = shares[0] >= shares[1]
-        u, v = (
-            (weights * points).sum(-1) / share.clamp_min(1e-6)
-            for weights, points, share in zip(self.weights, self.canonical, shares, strict=True)
-        )
-        return Surface(torch.where(is_static, u, v), is_static)
+    def is_static(self) -> Bool[Tensor, " point"]:
+        """Whether the static volume owns the pixel: whether its share is the larger."""
+        static, dynamic = self.shares()
+        return static >= dynamic
 
     def depth(self) -> Float[Tensor, " point"]:
         """Pseudo-depth of the fused ray."""
@@ -56,8 +51,7 @@ class FrozenRays:
 
     def owner_depth(self) -> Float[Tensor, " point"]:
         """Pseudo-depth of the surface: of the samples of the volume that owns the pixel."""
-        static, dynamic = self.shares()
-        weights = torch.where((static >= dynamic)[:, None], *self.weights)
+        weights = torch.where(self.is_static()[:, None], *self.weights)
         return (weights * self.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
 
     def static_confidence(self) -> Float[Tensor, " point"]:
@@ -116,6 +110,11 @@ class FrozenModel(nn.Module):
         beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
         return FrozenRays(depths, tuple(canonical), tuple(matter), tuple(weights))
+
+    def surface(self, xy: Float[Tensor, "2 point"], rays: FrozenRays, frame: Int[Tensor, " point"]) -> Surface:
+        """The surface that `rays` meet, as `decomotion.model.readout.surface_of` defines it."""
+        is_static = rays.is_static()
+        return Surface(self.to_canonical(xy, rays.owner_depth(), is_static, frame), is_static)
 
     def to_canonical(
         self,
