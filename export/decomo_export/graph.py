@@ -85,6 +85,6 @@ class QueryGraph(nn.Module):
         return there.T.unflatten(0, shape), occlusion.unflatten(0, shape)
 
 
-def _for_each_frame(values: Float[Tensor, "channel query"], shape: tuple[int, int]) -> Tensor:
+def _for_each_frame(values: Float[Tensor, "channel query"], shape: tuple) -> Tensor:
     """Each query's column once for each frame, [channel, query * frame]."""
     return values[:, :, None].expand(-1, *shape).flatten(1)

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
         TracksFileError,
     )
     from decomo_runtime.model_file import ModelFacts
-    from decomo_runtime.tracker import Appearance, Tracker
+    from decomo_runtime.tracker import Appearance, Dense, Tracker
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
     "Appearance",
+    "Dense",
     "ModelFacts",
     "ModelFileError",
     "OverlayError",
@@ -39,7 +40,13 @@ __all__ = [
     "TracksFileError",
 ]
 
-_HOMES = {"Appearance": "tracker", "ModelFacts": "model_file", "Tracker": "tracker", "Tracks": "tracks"}
+_HOMES = {
+    "Appearance": "tracker",
+    "Dense": "tracker",
+    "ModelFacts": "model_file",
+    "Tracker": "tracker",
+    "Tracks": "tracks",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -20,6 +20,8 @@ Providers = Sequence[str | tuple[str, dict[str, Any]]]
 
 _Value = TypeVar("_Value", int, float)
 _ERRORS_ONLY = 3
+_OF_OLD_FILES = "16384"
+"""Bytes per ray of a file that does not say."""
 _WRITE_ONE = "write one with 'decomo-export'"
 
 
@@ -36,6 +38,8 @@ class ModelFacts:
     preset: str
     occlusion_threshold: float
     """A point is occluded where its occlusion score is above this."""
+    bytes_per_ray: int
+    """Working memory, roughly, of one query in one frame."""
 
 
 def open_session(
@@ -92,6 +96,13 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         preset=_text(metadata, contract.META_PRESET, path),
         occlusion_threshold=_number(
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
+        ),
+        bytes_per_ray=_number(
+            {contract.META_BYTES_PER_RAY: _OF_OLD_FILES, **metadata},
+            contract.META_BYTES_PER_RAY,
+            path,
+            int,
+            lambda value: value >= 1,
         ),
     )
 
