@@ -108,7 +108,7 @@ class Tracks:
         length = len(lines) // points if whole else 0
         if len(lines) and not (whole and (lines[:, 0] == np.repeat(np.arange(points), length)).all()):
             raise TracksFileError(f"{path} must have a line for each point and frame, in order; some are missing")
-        table = lines.reshape(points, length, -1)
+        table = lines.reshape(points, length, _CSV_HEADER.count(",") + 1)
         queries = table[:, 0, 6:] if length else np.empty((0, 3))
         frames = table[0, :, 1] if points else np.empty(0)
         return cls(
