@@ -8,7 +8,7 @@ Between layers they stay in the layers' axes: one product turns them from one la
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F
@@ -44,15 +44,14 @@ class FrozenVolume(nn.Module):
 
     def __init__(self, volume: Volume, conditioning: Conditioning, plane: ImagePlane) -> None:
         super().__init__()
-        layers = list(volume.couplings)
-        bases = [layer.basis.double() for layer in layers] or [torch.eye(3, dtype=torch.float64)]  # type: ignore[union-attr]
+        layers = cast(list[CouplingLayer], list(volume.couplings))
+        bases = [layer.basis.double() for layer in layers] or [torch.eye(3, dtype=torch.float64)]
         self._affine(conditioning.affine.double(), bases[0], plane)
         turns = [*(after @ before.T for before, after in pairwise(bases)), bases[-1].T]
         for index, turn in enumerate(turns):
             self.register_buffer(f"turn_{index}", turn.float(), persistent=False)
         self.couplings = nn.ModuleList(
-            _freeze_coupling(layer, rows)  # type: ignore[arg-type]
-            for layer, rows in zip(layers, conditioning.couplings, strict=True)
+            _freeze_coupling(layer, rows) for layer, rows in zip(layers, conditioning.couplings, strict=True)
         )
         self.field = FrozenGridField(volume.field) if isinstance(volume.field, GridField) else ByRows(volume.field)
         self.volume = volume
@@ -157,7 +156,7 @@ class FrozenGridField(nn.Module):
         values = [plane(inside[:2]) for plane in self.image_planes]
         values += [plane(inside[axis :: 2 - axis]) for axis, plane in enumerate(self.depth_planes)]
         hidden = torch.cat([*values, inside.clamp(-1, 1)])
-        for linear in self.network[::2]:
+        for linear in cast(list[nn.Linear], list(self.network)[::2]):
             hidden = torch.relu(linear.weight @ hidden + linear.bias[:, None])
         return hidden
 

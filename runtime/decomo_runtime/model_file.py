@@ -20,8 +20,6 @@ Providers = Sequence[str | tuple[str, dict[str, Any]]]
 
 _Value = TypeVar("_Value", int, float)
 _ERRORS_ONLY = 3
-_OF_OLD_FILES = "16384"
-"""Bytes per ray of a file that does not say."""
 _WRITE_ONE = "write one with 'decomo-export'"
 
 
@@ -38,8 +36,8 @@ class ModelFacts:
     preset: str
     occlusion_threshold: float
     """A point is occluded where its occlusion score is above this."""
-    bytes_per_ray: int
-    """Working memory, roughly, of one query in one frame."""
+    bytes_per_ray: int = 16384
+    """Working memory, roughly, of one query in one frame; the default is for files that do not say."""
 
 
 def open_session(
@@ -98,7 +96,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
         ),
         bytes_per_ray=_number(
-            {contract.META_BYTES_PER_RAY: _OF_OLD_FILES, **metadata},
+            {contract.META_BYTES_PER_RAY: str(ModelFacts.bytes_per_ray), **metadata},
             contract.META_BYTES_PER_RAY,
             path,
             int,
