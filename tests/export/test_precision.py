@@ -67,4 +67,4 @@ def test_int8_quantises_a_wide_layer():
 
 def test_deviation_of_a_graph_from_itself(fitted: Export):
     proto = fitted.proto()
-    assert deviation(proto, proto, 8, 32, 32) == Deviation(0, 0)
+    assert deviation(proto, proto, 8, 32, 32) == Deviation(0.0, 0.0)
