@@ -48,15 +48,20 @@ Tracker(sys.argv[1], threads=int(sys.argv[2])).track([(0, 10.0, 10.0)])
 print(time.perf_counter() - begin)
 """
 PEAK = """
-import resource, sys
+import re, sys
+from pathlib import Path
 import numpy as np
 from decomo_runtime import Tracker
+
+def peak():  # not ru_maxrss, which counts what the parent held when it forked
+    return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
+
 tracker = Tracker(sys.argv[1], threads=int(sys.argv[2]))
 tracker.track([(0, 10.0, 10.0)])
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak()
 queries = np.random.default_rng(0).uniform(0, [1, tracker.width - 1, tracker.height - 1], (4096, 3))
 tracker.track(np.floor(queries))
-print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024, before / 1024)
+print(peak() - before, before)
 """
 
 
