@@ -277,8 +277,8 @@ class ModelConfig(Leaf):
     samples: int = Field(ge=2)
     """Samples on a ray."""
     deferred: bool = False
-    """Carry one point of each ray to the other frames, the samples' weighted mean in canonical space, instead of
-    carrying every sample and averaging there (Eq. 2 and 5); features are looked up at it too."""
+    """Carry one point of each ray to the other frames, that at its samples' mean depth, instead of carrying every
+    sample and averaging there (Eq. 2 and 5); features are looked up at it too."""
     normalise_weights: bool
     """Divide composited positions by the ray's total weight, so that they are unbiased where it is below 1."""
     frame_code: TimeCodeConfig | TableCodeConfig = Field(discriminator="kind")

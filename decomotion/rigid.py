@@ -35,7 +35,7 @@ FOLDER = "rigid"
 """In the run's folder: the run of the static volume."""
 MOTION = "motion.npz"
 """In it: the masks."""
-REGULARISERS = ("distortion", "depth_range", "steepness")
+REGULARISERS = ("distortion", "depth_range")
 """Losses that this run has besides the robust one, weighted as in the whole run."""
 
 
@@ -62,7 +62,7 @@ def rigid_residual(model: DecoMotion, pool: Pool) -> npt.NDArray[np.float32]:
     residual = []
     for frame in range(pool.num_frames):
         xy = torch.from_numpy(np.array(pool.points[frame])).to(device)
-        surface = surface_of(model, model.cast(xy[None], conditioning, torch.tensor([frame], device=device)))
+        surface = surface_of(model, xy[None], conditioning, torch.tensor([frame], device=device))
         distances = []
         for other in neighbours(frame, pool.num_frames):
             there = carry(model, surface, conditioning, torch.tensor([other], device=device))[0].cpu().numpy()

@@ -12,6 +12,8 @@ import onnx
 import onnxruntime
 import torch
 
+from decomo_export.baking import Bake
+from decomo_export.exporter import DEFAULT_BAKE
 from decomo_export.graph import QueryGraph
 from decomo_runtime import contract
 from decomotion import checkpoint
@@ -25,11 +27,12 @@ class Export:
     path: Path
     run: Path
     said: str
+    bake: Bake = DEFAULT_BAKE
 
     @cached_property
     def graph(self) -> QueryGraph:
         """The same in torch."""
-        return QueryGraph(checkpoint.load(self.run / checkpoint.FILE_NAME).model.eval()).eval()
+        return QueryGraph(checkpoint.load(self.run / checkpoint.FILE_NAME).model.eval(), self.bake).eval()
 
     @cached_property
     def session(self) -> onnxruntime.InferenceSession:

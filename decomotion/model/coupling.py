@@ -202,7 +202,7 @@ class GridConditioner(nn.Module):
             values = F.grid_sample(
                 conditioning, where[:, :, None], mode="bilinear", padding_mode="border", align_corners=True
             )[..., 0]
-            return _bounded(values[:, 0]), values[:, 1]
+            return bounded(values[:, 0]), values[:, 1]
         return self._look_up_each(where, conditioning, frame)
 
     def _look_up_each(
@@ -224,10 +224,11 @@ class GridConditioner(nn.Module):
             padding_mode="border",
             align_corners=True,
         )[0]
-        return _bounded(values[0]), values[1]
+        return bounded(values[0]), values[1]
 
 
-def _bounded(log_scale: Float[Tensor, "batch point"]) -> Float[Tensor, "batch point"]:
+def bounded(log_scale: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """A grid's log-scale, smoothly kept within +-`GRID_LOG_SCALE_LIMIT`."""
     return GRID_LOG_SCALE_LIMIT * torch.tanh(log_scale / GRID_LOG_SCALE_LIMIT)
 
 

@@ -165,8 +165,12 @@ class DecoMotion(nn.Module):
         rays = self.cast(xy, here, generator=generator)
         alone_static = composite_weights(rays.static.density)
         alone_dynamic = composite_weights(rays.dynamic.density)
-        static, (of_static, fused_static) = self.to_carry(rays.static_canonical, alone_static, rays.fused_static)
-        dynamic, (of_dynamic, fused_dynamic) = self.to_carry(rays.dynamic_canonical, alone_dynamic, rays.fused_dynamic)
+        static, (of_static, fused_static) = self.to_carry(
+            xy, rays, rays.static_canonical, (alone_static, rays.fused_static), self.static, here.static
+        )
+        dynamic, (of_dynamic, fused_dynamic) = self.to_carry(
+            xy, rays, rays.dynamic_canonical, (alone_dynamic, rays.fused_dynamic), self.dynamic, here.dynamic
+        )
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
         fused = composite(fused_static, u) + composite(fused_dynamic, v)
@@ -191,19 +195,26 @@ class DecoMotion(nn.Module):
         )
 
     def to_carry(
-        self, canonical: Float[Tensor, "batch point sample 3"], *weights: Float[Tensor, "batch point sample"]
-    ) -> tuple[Float[Tensor, "batch point carried 3"], list[Float[Tensor, "batch point carried"]]]:
-        """The canonical points that stand for a volume's ray samples under each of `weights`, and their weights.
+        self,
+        xy: Float[Tensor, "pair point 2"],
+        rays: Rays,
+        canonical: Float[Tensor, "pair point sample 3"],
+        weights: tuple[Float[Tensor, "pair point sample"], ...],
+        volume: Volume | EmptyVolume,
+        conditioning: Conditioning,
+    ) -> tuple[Float[Tensor, "pair point carried 3"], list[Float[Tensor, "pair point carried"]]]:
+        """The points that stand for a volume's ray samples `canonical` under each of `weights`, and their weights.
 
-        They are the samples themselves or, where the model is `deferred`, one point for each of `weights`: the
-        weighted mean of the samples, which takes their whole weight.
+        They are the samples themselves or, where the model is `deferred`, one point for each of `weights`: the ray's
+        point at the weighted mean of the samples' depths, which takes their whole weight.
         """
         if not self.config.deferred:
             return canonical, list(weights)
         totals = torch.stack([of.sum(-1) for of in weights], dim=-1)
-        sums = torch.stack([composite(of, canonical) for of in weights], dim=-2)
-        own = torch.diag_embed(totals)
-        return sums / totals[..., None].clamp_min(1e-3), list(own.unbind(-2))
+        depths = torch.stack([(of * rays.depths).sum(-1) for of in weights], dim=-1) / totals.clamp_min(1e-3)
+        local = lift(self.plane.normalise(xy), depths)
+        points = volume.to_canonical(local.flatten(1, 2), conditioning).reshape(local.shape)
+        return points, list(torch.diag_embed(totals).unbind(-2))
 
     def _project(self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
         xy = local[..., :2]

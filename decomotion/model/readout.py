@@ -1,6 +1,6 @@
 """Answers: where a query point is in other frames, and whether it is hidden there.
 
-A query's ray is composited once. The point that is carried to the other frames is the surface that the ray meets, in
+A query's ray is rendered once. The point that is carried to the other frames is the surface that the ray meets, in
 canonical space, of the volume that owns the pixel; position and occlusion of all frames follow from that one point.
 """
 
@@ -12,18 +12,15 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from decomotion.compositing import composite
-from decomotion.model.fusion import DecoMotion, PairConditioning, Rays
+from decomotion.model.fusion import DecoMotion, PairConditioning
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The visible surface at some pixels: the points that stand for it, which are averaged where they are carried."""
+    """The visible surface at some pixels."""
 
-    canonical: Float[Tensor, "batch point carried 3"]
+    canonical: Float[Tensor, "batch point 3"]
     """In the canonical space of the volume that owns the pixel."""
-    weights: Float[Tensor, "batch point carried"]
-    """They sum to 1 over a pixel's points."""
     is_static: Tensor
     """[batch, point] bool: which volume that is."""
 
@@ -38,17 +35,27 @@ class Answer:
     """Score in [0, 1]; 0.5 where the cycle error is the configured scale."""
 
 
-def surface_of(model: DecoMotion, rays: Rays) -> Surface:
-    """The surface that each ray meets.
+def surface_of(
+    model: DecoMotion,
+    xy: Float[Tensor, "batch point 2"],
+    conditioning: PairConditioning,
+    frame: Int[Tensor, " batch"] | None = None,
+) -> Surface:
+    """The surface that the rays through pixels `xy` meet, in the frames of `conditioning` (row by row, or row `frame`).
 
-    The volume with the larger share of the fused weight owns the pixel; its samples are averaged by weight. Averaging
-    over both volumes, as in training, would put points of an object's outline between the object and the scene.
+    The volume with the larger share of the fused weight owns the pixel. Its samples' depths are averaged by weight, and
+    the ray's point at that depth is mapped to canonical space. Averaging the samples' canonical positions instead would
+    leave the surface, since the map bends the ray; averaging over both volumes, as in training, would put points of an
+    object's outline between the object and the scene.
     """
+    rays = model.cast(xy, conditioning, frame)
     is_static = rays.fused_static.sum(-1) >= rays.fused_dynamic.sum(-1)
-    owner = is_static[..., None]
-    canonical = torch.where(owner[..., None], rays.static_canonical, rays.dynamic_canonical)
-    canonical, (weights,) = model.to_carry(canonical, torch.where(owner, rays.fused_static, rays.fused_dynamic))
-    return Surface(canonical, weights / weights.sum(-1, keepdim=True).clamp_min(1e-6), is_static)
+    weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
+    depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
+    points = torch.cat([model.plane.normalise(xy), depth[..., None]], dim=-1)
+    u = model.static.to_canonical(points, conditioning.static, frame)
+    v = model.dynamic.to_canonical(points, conditioning.dynamic, frame)
+    return Surface(torch.where(is_static[..., None], u, v), is_static)
 
 
 def carry(
@@ -58,18 +65,14 @@ def carry(
     frame: Int[Tensor, " batch"] | None = None,
 ) -> Float[Tensor, "batch point 2"]:
     """Pixels at which surface points lie in the frames of `conditioning` (row by row, or row `frame`)."""
-    shape = surface.canonical.shape
-    points = surface.canonical.flatten(1, 2)
-    u = model.static.from_canonical(points, conditioning.static, frame).reshape(shape)
-    v = model.dynamic.from_canonical(points, conditioning.dynamic, frame).reshape(shape)
-    owned = torch.where(surface.is_static[..., None, None], u, v)
-    return model.plane.to_pixels(composite(surface.weights, owned)[..., :2])
+    u = model.static.from_canonical(surface.canonical, conditioning.static, frame)
+    v = model.dynamic.from_canonical(surface.canonical, conditioning.dynamic, frame)
+    return model.plane.to_pixels(torch.where(surface.is_static[..., None], u, v)[..., :2])
 
 
 def answer(
     model: DecoMotion,
     conditioning: PairConditioning,
-    rays: Rays,
     query_xy: Float[Tensor, "query 2"],
     query_frame: Int[Tensor, " query"],
     frames: Int[Tensor, " frame"],
@@ -77,33 +80,34 @@ def answer(
     """Tracks of query points through `frames`.
 
     Occlusion is the model's own cycle error: the surface that is seen at the point's place in the target frame is
-    carried back to the query's frame; it is the same point if it returns to where the query was.
+    carried back to the query's frame; it is the same point if it returns to where the query was. In its own frame a
+    query is where it is, and visible. This is the definition; `decomo_export.graph` is the form that answers fast.
 
     Args:
         model: the fused model.
         conditioning: of all frames of the clip.
-        rays: the queries' own rays, [query, 1, sample].
         query_xy: pixels.
         query_frame: the frame of each query.
         frames: the target frames.
     """
-    surface = surface_of(model, rays)
+    surface = surface_of(model, query_xy[:, None], conditioning, query_frame)
     targets = PairConditioning(conditioning.static.take(frames), conditioning.dynamic.take(frames))
     shape = (frames.shape[0], query_xy.shape[0])  # not len(): it would fix the size that the exporter traces
     repeated = Surface(
-        surface.canonical[:, 0].expand(*shape, *surface.canonical.shape[2:]),
-        surface.weights[:, 0].expand(*shape, *surface.weights.shape[2:]),
+        surface.canonical[:, 0].expand(*shape, 3),
         surface.is_static[:, 0].expand(shape),
     )
-    there = carry(model, repeated, targets)
+    at_home = frames[:, None] == query_frame
+    there = torch.where(at_home[..., None], query_xy, carry(model, repeated, targets))
 
     plane = model.plane
     last = there.new_tensor([plane.width - 1.0, plane.height - 1.0])
     inside = torch.minimum(there.clamp_min(0.0), last)
     gone = ((there < -0.5) | (there > last + 0.5)).any(-1)
-    seen = surface_of(model, model.cast(inside, targets))
-    swapped = Surface(seen.canonical.transpose(0, 1), seen.weights.transpose(0, 1), seen.is_static.transpose(0, 1))
+    seen = surface_of(model, inside, targets)
+    swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
     error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
     occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
+    occlusion = occlusion.masked_fill(at_home, 0.0)
     return Answer(there.transpose(0, 1), occlusion.transpose(0, 1))

@@ -106,10 +106,10 @@ class Volume(nn.Module):
     def matter(self, points: Float[Tensor, "*batch 3"]) -> Matter:
         """Density, colour and static confidence at canonical positions."""
         raw = self.head(self.field(points.reshape(-1, 3))).reshape(*points.shape[:-1], 5)
-        density = raw[..., 3] + self._surface_prior(points[..., 2])
+        density = raw[..., 3] + self.surface_prior(points[..., 2])
         return Matter(F.softplus(density), torch.sigmoid(raw[..., :3]), torch.sigmoid(raw[..., 4]))
 
-    def _surface_prior(self, z: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    def surface_prior(self, z: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """What is added to the raw density: a sheet at the configured depth, or -1 everywhere as in OmniMotion."""
         if self.surface is None:
             return torch.full_like(z, -1.0)

@@ -1,4 +1,4 @@
-"""TAP-Vid's queries and coordinates: the only place of (t, y, x), of 256x256, and of the half-pixel.
+"""TAP-Vid's queries and coordinates; the conversions themselves are those of `decomo_runtime.layouts`.
 
 raster  TAP-Vid's own: the image spans 0..256 in x and in y whatever its size and shape; the top left pixel of a
         256x256 image has its centre at (0.5, 0.5). Queries are (t, y, x), tracks (x, y).
@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from decomo_eval.dataset import Video
 from decomo_eval.query_mode import FIRST, check_query_mode
-
-RASTER_SIZE = 256
-"""Width and height of the raster, in which all distances are measured."""
+from decomo_runtime.layouts import RASTER_SIZE as RASTER_SIZE
+from decomo_runtime.layouts import pixels_to_raster as pixels_to_raster
+from decomo_runtime.layouts import raster_to_pixels
 
 QUERY_STRIDE = 5
 """Frames between the query frames of the strided mode."""
@@ -61,13 +61,3 @@ def sample_queries(video: Video, query_mode: str) -> Queries:
     tracks = video.points * RASTER_SIZE
     x, y = tracks[track, frame].T
     return Queries(np.stack([frame.astype(np.float64), y, x], axis=1), tracks[track], video.occluded[track])
-
-
-def raster_to_pixels(xy: npt.ArrayLike, width: int, height: int) -> FloatArray:
-    """[..., 2] raster (x, y) to [..., 2] (x, y) in pixels of a video of that size."""
-    return np.asarray(xy, dtype=np.float64) * (np.array([width, height]) / RASTER_SIZE) - 0.5
-
-
-def pixels_to_raster(xy: npt.ArrayLike, width: int, height: int) -> FloatArray:
-    """[..., 2] (x, y) in pixels of a video of that size to [..., 2] raster (x, y)."""
-    return (np.asarray(xy, dtype=np.float64) + 0.5) * (RASTER_SIZE / np.array([width, height]))

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
     )
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
-    from decomo_runtime.tracker import Appearance, Tracker
+    from decomo_runtime.tracker import Appearance, Dense, Tracker
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
     "Appearance",
+    "Dense",
     "ModelFacts",
     "ModelFileError",
     "OverlayError",
@@ -47,6 +48,7 @@ __all__ = [
 
 _HOMES = {
     "Appearance": "tracker",
+    "Dense": "tracker",
     "ModelFacts": "model_file",
     "Tracker": "tracker",
     "Tracks": "tracks",

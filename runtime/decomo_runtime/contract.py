@@ -5,6 +5,7 @@ All coordinates are pixels of the clip's own resolution, pixel centres at intege
 Inputs
     queries             float32 [N, 3]  (t, x, y): the frame and place where each point is seen
     frames              int64   [M]     the frames in which to look for it
+    appearance          bool    []      optional, default true: whether what follows `occlusion` is wanted
 Outputs
     tracks              float32 [N, M, 2]  (x, y) of each point in each frame, inside or outside the image
     occlusion           float32 [N, M]     score in [0, 1]; above the metadata's threshold: occluded
@@ -13,6 +14,8 @@ Outputs
     rgb_dynamic         float32 [N, 3]     the dynamic volume alone
     static_confidence   float32 [N]        rendered confidence that the point belongs to the static scene, in [0, 1]
     depth               float32 [N]        pseudo-depth of the ray, 0 (near) to 2 (far)
+The first two are computed only where M > 0; the others are zeros where `appearance` is false. Files without that input
+are of an earlier version, and compute them always.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ OPSET = 18
 
 QUERIES, FRAMES = "queries", "frames"
 INPUTS = (QUERIES, FRAMES)
+APPEARANCE = "appearance"
 
 TRACKS, OCCLUSION = "tracks", "occlusion"
 RGB, RGB_STATIC, RGB_DYNAMIC = "rgb", "rgb_static", "rgb_dynamic"
@@ -39,3 +43,9 @@ META_FPS = "decomotion.fps"
 META_PRESET = "decomotion.preset"
 META_OCCLUSION_THRESHOLD = "decomotion.occlusion_threshold"
 META_WRITER_VERSION = "decomotion.version"
+META_BYTES_PER_RAY = "decomotion.bytes_per_ray"
+"""Working memory that one query takes in one frame."""
+META_BAKE = "decomotion.bake"
+META_PRECISION = "decomotion.precision"
+META_DEVIATION = "decomotion.deviation"
+"""`mean p99`, in pixels: how far tracks are from those of the same graph in float32."""

@@ -36,6 +36,8 @@ class ModelFacts:
     preset: str
     occlusion_threshold: float
     """A point is occluded where its occlusion score is above this."""
+    bytes_per_ray: int = 16384
+    """Working memory, roughly, of one query in one frame; the default is for files that do not say."""
 
 
 def open_session(
@@ -92,6 +94,13 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         preset=_text(metadata, contract.META_PRESET, path),
         occlusion_threshold=_number(
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
+        ),
+        bytes_per_ray=_number(
+            {contract.META_BYTES_PER_RAY: str(ModelFacts.bytes_per_ray), **metadata},
+            contract.META_BYTES_PER_RAY,
+            path,
+            int,
+            lambda value: value >= 1,
         ),
     )
 

@@ -7,23 +7,32 @@ which open the file again. The answer for one query does not depend on the other
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime import contract
-from decomo_runtime.errors import QueryError
+from decomo_runtime.chunks import frame_chunks, query_chunks
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.rendering import render
 from decomo_runtime.tracks import Tracks
 
-RAYS_PER_CALL = 4096
-"""Rays that one call of the session may render: each query's own and one for each target frame. Bounds its memory."""
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Where all pixels of one frame are in another."""
+
+    flow: npt.NDArray[np.float32]
+    """[H, W, 2], displacement (x, y) in pixels."""
+    occluded: npt.NDArray[np.bool_]
+    """[H, W], True where the score is above the model's threshold."""
+    occlusion: npt.NDArray[np.float32]
+    """[H, W], score from 0 (surely in sight) to 1 (surely hidden)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +63,7 @@ class Tracker:
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._session = open_session(self.path, providers, threads)
         self.facts = read_facts(self._session, self.path)
+        self._on_demand = contract.APPEARANCE in {port.name for port in self._session.get_overridable_initializers()}
 
     @property
     def clip_name(self) -> str:
@@ -90,19 +100,58 @@ class Tracker:
         """Score above which a point counts as occluded."""
         return self.facts.occlusion_threshold
 
-    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None, *, chunk: int | None = None) -> Tracks:
+    def track(
+        self,
+        queries: npt.ArrayLike,
+        frames: npt.ArrayLike | None = None,
+        *,
+        chunk: int | None = None,
+        max_memory: int | None = None,
+    ) -> Tracks:
         """Follows `queries` [N, 3], rows of (t, x, y), to `frames` [M] (default: every frame of the clip).
 
-        `chunk` is the number of queries a call of the session gets; by default what keeps memory bounded. It changes
-        memory and speed, never the answer.
+        `max_memory` bounds, in bytes and roughly, what the session works with at once (default: 64 MiB), answers not
+        counted; `chunk` instead is the number of queries that a call of the session gets. They change memory and
+        speed, never the answer. `QueryError` where an argument is malformed, or the memory too little for one point.
         """
         queries = check_queries(queries, self.facts)
         frames = check_frames(frames, self.num_frames)
         xy = np.empty((len(queries), len(frames), 2), np.float32)
         occlusion = np.empty((len(queries), len(frames)), np.float32)
-        for rows in _chunks(len(queries) if len(frames) else 0, chunk, rays_per_query=1 + len(frames)):
-            xy[rows], occlusion[rows] = self._ask((contract.TRACKS, contract.OCCLUSION), queries[rows], frames)
+        outputs = (contract.TRACKS, contract.OCCLUSION)
+        for columns in frame_chunks(len(frames), self.facts.bytes_per_ray, max_memory):
+            width = columns.stop - columns.start
+            for rows in query_chunks(len(queries), chunk, width, self.facts.bytes_per_ray, max_memory):
+                xy[rows, columns], occlusion[rows, columns] = self._ask(outputs, queries[rows], frames[columns])
         return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames)
+
+    def stream(
+        self,
+        queries: Iterable[npt.ArrayLike],
+        frames: npt.ArrayLike | None = None,
+        *,
+        max_memory: int | None = None,
+    ) -> Iterator[Tracks]:
+        """`track` for more queries than fit into memory: takes [n, 3] arrays one by one and yields their tracks.
+
+        An array [N, 3] as a whole is cut into pieces that are asked at once.
+        """
+        frames = check_frames(frames, self.num_frames)
+        if isinstance(queries, np.ndarray) and queries.ndim == 2:
+            whole = queries
+            parts = query_chunks(len(whole), None, len(frames), self.facts.bytes_per_ray, max_memory)
+            queries = (whole[rows] for rows in parts)
+        for part in queries:
+            yield self.track(part, frames, max_memory=max_memory)
+
+    def dense(self, frame: int, *, to: int, max_memory: int | None = None) -> Dense:
+        """Where each pixel of `frame` is in frame `to`, and whether it is hidden there."""
+        check_frames([frame, to], self.num_frames)
+        y, x = np.indices((self.height, self.width), np.float32)
+        queries = np.stack([np.full(x.size, frame, np.float32), x.ravel(), y.ravel()], axis=1)
+        tracks = self.track(queries, [to], max_memory=max_memory)
+        flow = (tracks.xy[:, 0] - queries[:, 1:]).reshape(*x.shape, 2)
+        return Dense(flow, tracks.occluded.reshape(x.shape), tracks.occlusion.reshape(x.shape))
 
     def sample(self, queries: npt.ArrayLike, *, chunk: int | None = None) -> Appearance:
         """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3]."""
@@ -116,7 +165,7 @@ class Tracker:
             contract.STATIC_CONFIDENCE,
             contract.DEPTH,
         )
-        for rows in _chunks(len(queries), chunk, rays_per_query=1):
+        for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_ray, None):
             answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
             colours[:, rows], scalars[:, rows] = answer[:3], answer[3:]
         return Appearance(*colours, *scalars)
@@ -131,7 +180,10 @@ class Tracker:
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]
     ) -> list[npt.NDArray[np.float32]]:
-        answer = self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
+        asked: dict[str, npt.NDArray[Any]] = {contract.QUERIES: queries, contract.FRAMES: frames}
+        if self._on_demand:
+            asked[contract.APPEARANCE] = np.array(contract.RGB in outputs)
+        answer = self._session.run(list(outputs), asked)
         return cast("list[npt.NDArray[np.float32]]", answer)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -143,13 +195,3 @@ class Tracker:
 
 def _reopen(path: Path, providers: Providers | None, threads: int | None) -> Tracker:
     return Tracker(path, providers=providers, threads=threads)
-
-
-def _chunks(count: int, chunk: int | None, rays_per_query: int) -> Iterator[slice]:
-    """Slices that cover `count` queries in order."""
-    if chunk is None:
-        chunk = max(1, RAYS_PER_CALL // rays_per_query)
-    elif isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1:
-        raise QueryError(f"chunk must be a whole number of queries, at least 1; got {chunk!r}")
-    for start in range(0, count, int(chunk)):
-        yield slice(start, start + int(chunk))

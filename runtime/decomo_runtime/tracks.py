@@ -14,8 +14,8 @@ from decomo_runtime.errors import TracksFileError
 from decomotion.files import replacing
 
 SUFFIXES = (".npz", ".csv")
-_CSV_HEADER = "point,frame,x,y,occlusion,occluded"
-_CSV_FORMAT = "%d,%d,%.4f,%.4f,%.4f,%d"
+_CSV_HEADER = "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y"
+_CSV_FORMAT = "%d,%d,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,8 @@ class Tracks:
 
         npz: `queries` float32 [N, 3] (t, x, y), `tracks` float32 [N, M, 2] (x, y), `occluded` bool [N, M],
         `occlusion` float32 [N, M], `frames` int64 [M].
-        csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded`, occluded as 0 or 1.
+        csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded,query_t,query_x,query_y`,
+        occluded as 0 or 1, four decimals.
         """
         path = Path(path)
         suffix = path.suffix.lower()
@@ -52,7 +53,12 @@ class Tracks:
 
     @classmethod
     def load(cls, path: str | Path) -> Tracks:
-        """Reads an npz file that `save` wrote, or one of the same keys; without `frames` they count from 0."""
+        """Reads a file that `save` wrote, or an npz of the same keys; without `frames` they count from 0.
+
+        A csv has no line for a point without frames, and four decimals. `TracksFileError` where it is another file.
+        """
+        if Path(path).suffix.lower() == ".csv":
+            return cls._read_csv(Path(path))
         try:
             with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as file:
                 arrays = dict(file)
@@ -85,6 +91,34 @@ class Tracks:
             arrays["frames"].astype(np.int64),
         )
 
+    @classmethod
+    def _read_csv(cls, path: Path) -> Tracks:
+        try:
+            with open(path, encoding="utf-8") as file:
+                header, *rows = file.read().splitlines()
+            if header != _CSV_HEADER:
+                raise ValueError("another header")
+            lines = np.array([row.split(",") for row in rows], np.float64).reshape(-1, _CSV_HEADER.count(",") + 1)
+        except (OSError, ValueError) as error:
+            raise TracksFileError(
+                f"{path} is not a csv file of tracks, {_CSV_HEADER}; write one with 'decomo-track'"
+            ) from error
+        points = int(lines[:, 0].max(initial=-1)) + 1
+        whole = points > 0 and len(lines) % points == 0
+        length = len(lines) // points if whole else 0
+        if len(lines) and not (whole and (lines[:, 0] == np.repeat(np.arange(points), length)).all()):
+            raise TracksFileError(f"{path} must have a line for each point and frame, in order; some are missing")
+        table = lines.reshape(points, length, _CSV_HEADER.count(",") + 1)
+        queries = table[:, 0, 6:] if length else np.empty((0, 3))
+        frames = table[0, :, 1] if points else np.empty(0)
+        return cls(
+            table[..., 2:4].astype(np.float32),
+            table[..., 5].astype(bool),
+            table[..., 4].astype(np.float32),
+            queries.astype(np.float32),
+            frames.astype(np.int64),
+        )
+
     def _write_npz(self, path: Path) -> None:
         with open(path, "wb") as file:
             np.savez_compressed(
@@ -99,6 +133,13 @@ class Tracks:
     def _write_csv(self, path: Path) -> None:
         point, column = np.indices(self.occluded.shape).reshape(2, -1)
         lines = np.column_stack(
-            [point, self.frames[column], self.xy.reshape(-1, 2), self.occlusion.ravel(), self.occluded.ravel()]
+            [
+                point,
+                self.frames[column],
+                self.xy.reshape(-1, 2),
+                self.occlusion.ravel(),
+                self.occluded.ravel(),
+                self.queries[point],
+            ]
         )
         np.savetxt(path, lines, fmt=_CSV_FORMAT, header=_CSV_HEADER, comments="", encoding="utf-8")

@@ -11,6 +11,8 @@ from torch import Tensor
 from decomotion.compositing import composite
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import MAX_EXTENT, DecoMotion, PairConditioning, canonical_extent
+from decomotion.model.readout import carry, surface_of
+from decomotion.rays import sample_depths
 from tiny_fit import randomised, tiny_model
 
 FRAMES = 5
@@ -78,7 +80,7 @@ def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
 @both_presets
 def test_to_its_own_frame_a_point_stays(preset: str):
     """Where weights are normalised; without that (Eq. 2 as written) a ray's missing weight pulls to the middle."""
-    model = carrying(randomised(tiny_model(preset), 0.05), deferred=False)
+    model = randomised(tiny_model(preset), 0.05)
     xy, frame = random_pixels(2, 6), torch.tensor([0, 3])
     prediction = model.predict(xy, frame, frame, generator())
     opacity = prediction.static_weights.sum(-1, keepdim=True)
@@ -89,7 +91,7 @@ def test_to_its_own_frame_a_point_stays(preset: str):
 
 
 def test_deferred_is_exact_where_the_map_is_affine():
-    """The mean of mapped samples is the map of their mean; the couplings start as the identity."""
+    """The mean of mapped samples is the map of the point at their mean depth; the couplings start as the identity."""
     model = tiny_model("cpu", feature_size=0)
     arguments = random_pixels(3, 7), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 4])
     found = {kind: carrying(model, kind).predict(*arguments, generator()) for kind in (False, True)}
@@ -97,15 +99,16 @@ def test_deferred_is_exact_where_the_map_is_affine():
         torch.testing.assert_close(getattr(found[True], name), getattr(found[False], name), rtol=0, atol=1e-3, msg=name)
 
 
-def test_deferred_is_exact_where_one_sample_has_all_the_weight():
-    model = carrying(randomised(tiny_model("cpu"), 0.05), deferred=True)
-    canonical = torch.randn(2, 6, 4, 3, generator=generator())
-    alone, fused = torch.zeros(2, 6, 4), torch.zeros(2, 6, 4)
-    alone[..., 1], fused[..., 3] = 0.9, 0.2
-    points, (of_alone, of_fused) = model.to_carry(canonical, alone, fused)
-    torch.testing.assert_close(points, canonical[:, :, [1, 3]])
-    torch.testing.assert_close(composite(of_alone, points), 0.9 * canonical[:, :, 1])
-    torch.testing.assert_close(composite(of_fused, points), 0.2 * canonical[:, :, 3])
+def test_a_deferred_point_is_the_one_that_answers():
+    """Where one volume owns the ray, training and readout carry the same point."""
+    model = carrying(with_confidence(randomised(tiny_model("cpu"), 0.05), math.inf), deferred=True)
+    xy, frame, target = random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("decomotion.model.fusion.sample_depths", lambda like, samples, _: sample_depths(like, samples))
+        trained = model.predict(xy, frame, target, generator()).fused_xy
+    conditioning = model.condition(torch.arange(FRAMES))
+    answered = carry(model, surface_of(model, xy, conditioning, frame), conditioning, target)
+    torch.testing.assert_close(trained, answered, rtol=0, atol=1e-3)
 
 
 @both_presets

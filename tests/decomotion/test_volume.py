@@ -74,13 +74,13 @@ def test_a_sheet_of_density_to_start_with():
     volume = make_volume("cpu")
     volume.surface = SurfaceConfig(depth=1.3, thickness=0.2, peak=4.0)
     z = torch.tensor([0.3, 0.5, 0.1, 0.2, 1.0, -1.0])  # canonical: 0 is the middle, depth 1
-    torch.testing.assert_close(volume._surface_prior(z), torch.tensor([4.0, 0.0, 0.0, 3.0, -4.0, -4.0]))
+    torch.testing.assert_close(volume.surface_prior(z), torch.tensor([4.0, 0.0, 0.0, 3.0, -4.0, -4.0]))
 
 
 def test_without_a_sheet_all_is_thin():
     volume = make_volume("paper")
     assert volume.surface is None
-    assert volume._surface_prior(torch.tensor([-1.0, 0.0, 1.0])).tolist() == [-1] * 3
+    assert volume.surface_prior(torch.tensor([-1.0, 0.0, 1.0])).tolist() == [-1] * 3
 
 
 @pytest.mark.parametrize("batch", [(), (6,), (2, 3)])

@@ -1,4 +1,4 @@
-"""Two exported models: one from a fit, one of the paper's networks with random weights."""
+"""Exported models: one from a fit, baked in two ways, and one of the paper's networks with random weights."""
 
 from __future__ import annotations
 
@@ -33,11 +33,19 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
     model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE), 0.05)
     config = load("paper", overrides=TINY_PAPER)
     checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {})
-    exported = export(folder / "model.onnx", folder)
-    return Export(exported.path, folder, "")
+    exported = export(folder / "model.onnx", folder, bake="none")
+    return Export(exported.path, folder, "", "none")
+
+
+@pytest.fixture(scope="session")
+def canonical(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The fit with its canonical coordinates baked, in half precision."""
+    path = tmp_path_factory.mktemp("full") / "full.onnx"
+    export(path, fitted.run, bake="full", precision="fp16", force=True)
+    return Export(path, fitted.run, "", "full")
 
 
 @pytest.fixture(params=["fitted", "networks"])
 def exported(request: pytest.FixtureRequest) -> Export:
-    """Either of the two."""
+    """Either of the first two."""
     return request.getfixturevalue(request.param)

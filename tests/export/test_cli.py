@@ -104,7 +104,7 @@ class TestRefused:
     ):
         proto = networks.proto()
         monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
-        monkeypatch.setattr(exporter, "admit_empty", lambda proto: None)
+        monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
 
         def measure(*args: object) -> Parity:
             raise ExportError("the exported graph differs from torch by 3 px; nothing was written")
@@ -124,7 +124,7 @@ def test_without_a_run_it_is_the_most_recent(elsewhere: Path, networks: Export, 
     monkeypatch.setattr(checkpoint, "load", lambda path: loaded.append(path) or load(path))
     proto = networks.proto()
     monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
-    monkeypatch.setattr(exporter, "admit_empty", lambda proto: None)
-    assert main(["model.onnx"]) == 0
+    monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
+    assert main(["model.onnx", "--bake", "none"]) == 0
     assert loaded == [Path("runs/new/checkpoint.pt")]
     assert (elsewhere / "model.onnx").is_file()

@@ -20,7 +20,9 @@ AXES = {
     contract.RGB_DYNAMIC: ("N", 3),
     contract.STATIC_CONFIDENCE: ("N",),
     contract.DEPTH: ("N",),
+    contract.APPEARANCE: (),
 }
+TYPES = {contract.FRAMES: TensorProto.INT64, contract.APPEARANCE: TensorProto.BOOL}
 
 
 def test_the_checker_is_content(exported: Export):
@@ -29,12 +31,12 @@ def test_the_checker_is_content(exported: Export):
 
 def test_inputs_and_outputs_have_the_contract_s_names_types_and_axes(exported: Export):
     graph = exported.proto().graph
-    assert tuple(value.name for value in graph.input) == contract.INPUTS
+    assert tuple(value.name for value in graph.input) == (*contract.INPUTS, contract.APPEARANCE)
     assert tuple(value.name for value in graph.output) == contract.OUTPUTS
     for value in (*graph.input, *graph.output):
         tensor = value.type.tensor_type
         assert tuple(dim.dim_param or dim.dim_value for dim in tensor.shape.dim) == AXES[value.name]
-        assert tensor.elem_type == (TensorProto.INT64 if value.name == contract.FRAMES else TensorProto.FLOAT)
+        assert tensor.elem_type == TYPES.get(value.name, TensorProto.FLOAT)
 
 
 def test_standard_operators_alone(exported: Export):
@@ -54,6 +56,7 @@ def test_one_file(exported: Export):
 def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
     exported: Export = request.getfixturevalue(name)
     written = {entry.key: entry.value for entry in exported.proto().metadata_props}
+    assert int(written.pop(contract.META_BYTES_PER_RAY)) > 0
     assert written == {
         contract.META_FORMAT_VERSION: str(contract.FORMAT_VERSION),
         contract.META_CLIP_NAME: "sliding",
@@ -64,4 +67,7 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_PRESET: preset,
         contract.META_OCCLUSION_THRESHOLD: "0.5",
         contract.META_WRITER_VERSION: decomotion.__version__,
+        contract.META_BAKE: exported.bake,
+        contract.META_PRECISION: "fp32",
+        contract.META_DEVIATION: "0 0",
     }

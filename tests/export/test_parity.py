@@ -62,20 +62,20 @@ def test_answers_are_in_range(exported: Export):
 
 
 def test_measured_parity_is_within_the_limit(exported: Export):
-    measured = parity.measure(exported.graph, exported.path)
+    measured = parity.measure(exported.graph, exported.proto())
     assert measured.pixels < parity.LIMIT_PIXELS
     assert measured.score < SCORE_LIMIT
 
 
 def test_a_file_that_disagrees_is_refused(fitted: Export, networks: Export):
     with pytest.raises(ExportError, match=r"differs from torch by .* px \(limit 0\.01\); nothing was written"):
-        parity.measure(fitted.graph, networks.path)
+        parity.measure(fitted.graph, networks.proto())
 
 
 def test_not_a_number_is_a_difference(networks: Export):
     graph = copy.deepcopy(networks.graph)
     with torch.no_grad():
         for volume in (graph.model.static, graph.model.dynamic):
-            volume.head.bias.fill_(float("nan"))
+            volume.from_first.fill_(float("nan"))
     with pytest.raises(ExportError, match="differs from torch by nan px"):
-        parity.measure(graph, networks.path)
+        parity.measure(graph, networks.proto())

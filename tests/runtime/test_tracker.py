@@ -10,7 +10,6 @@ import numpy.typing as npt
 import pytest
 
 from decomo_runtime import QueryError, Tracker
-from decomo_runtime import tracker as tracker_module
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 VELOCITY = np.array([1.5, -0.5], np.float32)
@@ -71,8 +70,8 @@ def test_the_answer_does_not_depend_on_the_other_queries(tracker: Tracker):
         np.testing.assert_array_equal(tracker.track([query]).xy[0], whole.xy[row])
 
 
-def test_default_chunks_bound_the_rays_of_a_call(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(tracker_module, "RAYS_PER_CALL", 15)
+def counted(tracker: Tracker, monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Fills with (queries, frames) of each call of the session."""
     asked = []
     ask = tracker._ask
 
@@ -81,11 +80,58 @@ def test_default_chunks_bound_the_rays_of_a_call(tracker: Tracker, monkeypatch: 
         return ask(outputs, queries, frames)
 
     monkeypatch.setattr(tracker, "_ask", counting)
-    tracker.track(np.tile(QUERIES, (2, 1)))
-    assert asked == [(2, 6)] * 4  # 2 queries x (1 + 6) rays is the most below 15
-    asked.clear()
-    tracker.track(np.tile(QUERIES, (2, 1)), [0] * 20)
-    assert asked == [(1, 20)] * 8  # never less than one query
+    return asked
+
+
+def test_memory_bounds_the_rays_of_a_call(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
+    asked = counted(tracker, monkeypatch)
+    queries, ray = np.tile(QUERIES, (2, 1)), tracker.facts.bytes_per_ray
+    whole = tracker.track(queries)
+    assert asked == [(8, 6)]
+    for memory, calls in {
+        15 * ray: [(2, 6)] * 4,  # 2 queries x (1 + 6) rays is the most below 15
+        7 * ray: [(1, 6)] * 8,
+        4 * ray: [(1, 3)] * 16,  # not all frames at once
+        2 * ray: [(1, 1)] * 48,
+    }.items():
+        asked.clear()
+        tracks = tracker.track(queries, max_memory=memory)
+        assert asked == calls
+        np.testing.assert_array_equal(tracks.xy, whole.xy)
+        np.testing.assert_array_equal(tracks.occlusion, whole.occlusion)
+
+
+def test_too_little_memory(tracker: Tracker):
+    with pytest.raises(QueryError, match="max_memory=1000 is too little: this model needs 32768 bytes for one point"):
+        tracker.track(QUERIES, max_memory=1000)
+
+
+@pytest.mark.parametrize("memory", [0, -1, 1.5, True, "1G"])
+def test_bad_memory(tracker: Tracker, memory: Any):
+    with pytest.raises(QueryError, match="max_memory must be a whole number of bytes, at least 1"):
+        tracker.track(QUERIES, max_memory=memory)
+
+
+def test_dense(tracker: Tracker):
+    dense = tracker.dense(1, to=4)
+    assert dense.flow.shape == (HEIGHT, WIDTH, 2)
+    np.testing.assert_allclose(dense.flow, np.broadcast_to(3 * VELOCITY, dense.flow.shape), atol=1e-5)
+    np.testing.assert_allclose(dense.occlusion, np.full((HEIGHT, WIDTH), 0.5), atol=1e-6)
+    assert not dense.occluded.any()
+    with pytest.raises(QueryError, match=r"frames\[1\] is 6"):
+        tracker.dense(0, to=6)
+
+
+def test_stream(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
+    whole = tracker.track(QUERIES)
+    asked = counted(tracker, monkeypatch)
+    parts = tracker.stream(iter([QUERIES[:1], QUERIES[1:]]))
+    np.testing.assert_array_equal(next(parts).xy, whole.xy[:1])
+    assert asked == [(1, 6)], "the next ones are not asked before they are wanted"
+    np.testing.assert_array_equal(next(parts).xy, whole.xy[1:])
+    pieces = list(tracker.stream(QUERIES, [0, 5], max_memory=6 * tracker.facts.bytes_per_ray))
+    assert [len(piece.xy) for piece in pieces] == [2, 2]
+    np.testing.assert_array_equal(np.concatenate([piece.xy for piece in pieces]), whole.xy[:, [0, 5]])
 
 
 @pytest.mark.parametrize("chunk", [0, -3, 2.5, True, "4"])

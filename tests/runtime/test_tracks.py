@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -56,9 +57,9 @@ def test_csv_by_hand(tmp_path: Path):
     )
     tracks.save(tmp_path / "a.csv")
     assert (tmp_path / "a.csv").read_text() == (
-        "point,frame,x,y,occlusion,occluded\n"
-        "0,5,1.5000,2.0000,0.1250,0\n"
-        "0,9,3.0000,-4.2500,0.7500,1\n"
+        "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y\n"
+        "0,5,1.5000,2.0000,0.1250,0,5,1.5000,2.0000\n"
+        "0,9,3.0000,-4.2500,0.7500,1,5,1.5000,2.0000\n"
     )  # fmt: skip
 
 
@@ -73,6 +74,34 @@ def test_csv_has_a_line_for_each_point_and_frame(tmp_path: Path, shape: tuple[in
         assert values[:2] == [point, tracks.frames[column]]
         np.testing.assert_allclose(values[2:4], tracks.xy[point, column], atol=5.1e-5)  # four decimals
         assert values[5] == tracks.occluded[point, column]
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (1, 1), (0, 0)])
+def test_csv_round_trip(tmp_path: Path, shape: tuple[int, int]):
+    tracks = some_tracks(*shape)
+    tracks.queries[:, 0] = np.floor(tracks.queries[:, 0])
+    tracks.save(tmp_path / "a.csv")
+    again = Tracks.load(tmp_path / "a.csv")
+    for field in FIELDS:
+        np.testing.assert_allclose(getattr(again, field), getattr(tracks, field), atol=5.1e-5)  # four decimals
+        assert getattr(again, field).dtype == getattr(tracks, field).dtype
+
+
+@pytest.mark.parametrize("damage", [lambda text: text[:60], lambda text: text.replace("point", "p"), lambda text: ""])
+def test_a_damaged_csv(tmp_path: Path, damage: Callable[[str], str]):
+    some_tracks().save(tmp_path / "a.csv")
+    path = tmp_path / "a.csv"
+    path.write_text(damage(path.read_text()))
+    with pytest.raises(TracksFileError, match=r"a\.csv is not a csv file of tracks"):
+        Tracks.load(path)
+
+
+def test_a_csv_with_lines_missing(tmp_path: Path):
+    some_tracks().save(tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "a.csv").write_text("".join([*lines[:3], *lines[4:]]))
+    with pytest.raises(TracksFileError, match="must have a line for each point and frame"):
+        Tracks.load(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("name", ["a.txt", "a", "a.npz.gz"])

@@ -1,0 +1,91 @@
+"""Tracks in the layouts of other trackers' code.
+
+CoTracker: `tracks` [1, T, N, 2] in pixels with centres at integers, `visibility` [1, T, N] bool.
+TAP-Vid: its raster spans 0 to 256 in x and in y whatever the image's size; queries are (t, y, x).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.errors import TracksFileError
+from decomo_runtime.tracks import Tracks
+
+RASTER_SIZE = 256
+
+
+@dataclass(frozen=True, eq=False)
+class TapVid:
+    """Tracks as TAP-Vid's code takes them."""
+
+    query_points: npt.NDArray[np.float32]
+    """[N, 3], (t, y, x), raster."""
+    tracks: npt.NDArray[np.float32]
+    """[N, M, 2], (x, y), raster."""
+    occluded: npt.NDArray[np.bool_]
+    """[N, M]."""
+
+
+def to_cotracker(tracks: Tracks) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """`(tracks [1, M, N, 2], visibility [1, M, N])`, M being the frames of `tracks`."""
+    return tracks.xy.swapaxes(0, 1)[None].copy(), ~tracks.occluded.T[None]
+
+
+def from_cotracker(
+    tracks: npt.ArrayLike, visibility: npt.ArrayLike, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None
+) -> Tracks:
+    """The inverse of `to_cotracker`; `visibility` may be a probability, which then becomes the score.
+
+    Args:
+        tracks: [1, M, N, 2] or [M, N, 2], pixels.
+        visibility: [1, M, N] or [M, N], bool or in [0, 1]: visible above 0.5.
+        queries: [N, 3], (t, x, y).
+        frames: [M]; default: 0 .. M - 1.
+
+    Raises `TracksFileError` where the shapes do not go together.
+    """
+    xy, seen, asked = (np.asarray(array, np.float32) for array in (tracks, visibility, queries))
+    xy = xy[0] if xy.ndim == 4 and len(xy) == 1 else xy
+    seen = seen[0] if seen.ndim == 3 and len(seen) == 1 else seen
+    if xy.ndim != 3 or xy.shape[2] != 2 or seen.shape != xy.shape[:2] or asked.shape != (xy.shape[1], 3):
+        raise TracksFileError(
+            f"CoTracker's layout is tracks [1, T, N, 2], visibility [1, T, N] and queries [N, 3]; got "
+            f"{list(np.shape(tracks))}, {list(np.shape(visibility))} and {list(asked.shape)}"
+        )
+    numbers = np.arange(len(xy)) if frames is None else np.asarray(frames, np.int64)
+    if numbers.shape != (len(xy),):
+        raise TracksFileError(f"frames must name each of the {len(xy)} frames of the tracks; got {list(numbers.shape)}")
+    occlusion = 1 - seen.T
+    return Tracks(xy.swapaxes(0, 1).copy(), occlusion >= 0.5, occlusion, asked, numbers.astype(np.int64))
+
+
+def to_tapvid(tracks: Tracks, width: int, height: int) -> TapVid:
+    """`tracks`, in pixels of a clip of that size, as TAP-Vid has them."""
+    points = pixels_to_raster(tracks.queries[:, 1:], width, height)[:, ::-1]
+    return TapVid(
+        np.concatenate([tracks.queries[:, :1], points], axis=1).astype(np.float32),
+        pixels_to_raster(tracks.xy, width, height).astype(np.float32),
+        tracks.occluded.copy(),
+    )
+
+
+def from_tapvid(answer: TapVid, width: int, height: int) -> Tracks:
+    """The inverse of `to_tapvid`: all frames from 0, scores 0 and 1."""
+    place = raster_to_pixels(answer.query_points[:, :0:-1], width, height)
+    queries = np.concatenate([answer.query_points[:, :1], place], axis=1).astype(np.float32)
+    xy = raster_to_pixels(answer.tracks, width, height).astype(np.float32)
+    occluded = np.asarray(answer.occluded, bool)
+    return Tracks(xy, occluded, occluded.astype(np.float32), queries, np.arange(occluded.shape[1]))
+
+
+def raster_to_pixels(xy: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:
+    """[..., 2] raster (x, y) to [..., 2] (x, y) in pixels of a video of that size."""
+    return np.asarray(xy, dtype=np.float64) * (np.array([width, height]) / RASTER_SIZE) - 0.5
+
+
+def pixels_to_raster(xy: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:
+    """[..., 2] (x, y) in pixels of a video of that size to [..., 2] raster (x, y)."""
+    return (np.asarray(xy, dtype=np.float64) + 0.5) * (RASTER_SIZE / np.array([width, height]))

@@ -1,0 +1,111 @@
+"""The frozen form says what the trained model's own modules say, whatever the kind of model; tables say it nearly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from decomo_export.baking import LEVELS, BakedSurfaces
+from decomo_export.graph import QueryGraph
+from decomo_export.lookup import CellGrid
+from decomotion.model.fusion import DecoMotion
+from decomotion.model.readout import answer, surface_of
+from tiny_fit import randomised, tiny_model
+
+FRAMES, HEIGHT, WIDTH = 5, 24, 32
+KINDS = {
+    "cpu": ("cpu", ()),
+    "paper": ("paper", ()),
+    "omnimotion": ("omnimotion", ()),
+    "static": ("cpu", ("model.volumes=static",)),
+    "affine": ("cpu", ("model.static.couplings=0", "model.dynamic.couplings=0")),
+}
+
+
+@pytest.fixture(params=KINDS)
+def model(request: pytest.FixtureRequest) -> DecoMotion:
+    preset, overrides = KINDS[request.param]
+    start = torch.eye(3, 4).repeat(FRAMES, 1, 1)
+    start[:, 0, 3] = torch.linspace(-0.3, 0.3, FRAMES)
+    start[:, 0, 1] = torch.linspace(-0.1, 0.2, FRAMES)
+    return randomised(tiny_model(preset, start=start, overrides=overrides), 0.1).eval()
+
+
+def random_queries(count: int) -> Tensor:
+    generator = torch.Generator().manual_seed(1)
+    place = torch.rand(count, 2, generator=generator) * torch.tensor([WIDTH, HEIGHT]) - 0.5
+    return torch.cat([torch.randint(FRAMES, (count, 1), generator=generator), place], dim=1)
+
+
+@torch.no_grad()
+def test_the_same_answers_as_the_definition(model: DecoMotion):
+    queries, frames = random_queries(40), torch.tensor([3, 0, 4, 4])
+    tracks, occlusion, rgb, rgb_static, rgb_dynamic, confidence, depth = QueryGraph(model, "none")(queries, frames)
+    frame, xy = queries[:, 0].long(), queries[:, 1:]
+    conditioning = model.condition(torch.arange(FRAMES))
+    expected = answer(model, conditioning, xy, frame, frames)
+    torch.testing.assert_close(tracks, expected.xy, rtol=0, atol=1e-3)  # float32
+    torch.testing.assert_close(occlusion, expected.occlusion, rtol=0, atol=1e-3)
+    rays = model.cast(xy[:, None], conditioning, frame)
+    torch.testing.assert_close(rgb, rays.fused_colour()[:, 0], rtol=0, atol=1e-4)
+    torch.testing.assert_close(confidence, rays.static_confidence[:, 0], rtol=0, atol=1e-4)
+    assert rgb_static.shape == rgb_dynamic.shape == (40, 3)
+    assert ((depth >= 0) & (depth <= 2)).all()
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("canonical", [False, True])
+def test_at_pixel_centres_a_table_is_what_was_rendered(model: DecoMotion, canonical: bool):
+    surfaces = BakedSurfaces(QueryGraph(model, "none").model, canonical=canonical)
+    frame = torch.tensor([0, 2, 4])
+    xy = torch.tensor([[3.0, 31.0, 0.0], [5.0, 23.0, 0.0]])
+    given = surfaces(xy, frame)
+    expected = surface_of(model, xy.T[:, None], model.condition(torch.arange(FRAMES)), frame)
+    assert torch.equal(given.is_static, expected.is_static[:, 0])
+    step = 0.01  # the maps stretch a step of depth, 2 / 2**15, and canonical steps of a few 1e-5
+    torch.testing.assert_close(given.canonical, expected.canonical[:, 0].T, rtol=0, atol=step)
+
+
+def test_between_two_owners_only_one_is_averaged():
+    """Two columns of pixels: left static at depth 0.5, right dynamic at depth 1.5."""
+    surfaces = BakedSurfaces(QueryGraph(tiny_model("cpu"), "none").model, canonical=False)
+    depth = torch.full((1, FRAMES, HEIGHT, WIDTH), 1.5)
+    depth[..., : WIDTH // 2] = 0.5
+    is_static = depth[0] < 1
+    surfaces._encode(depth.flatten(1), is_static.flatten())
+    assert surfaces.codes.dtype == torch.int16
+    assert surfaces.codes.to(torch.int64).abs().max() <= LEVELS // 2
+    asked = []
+    surfaces.model.to_canonical = lambda xy, depth, is_static, frame: asked.append((depth, is_static)) or xy  # type: ignore[method-assign]
+    x = torch.tensor([3.25, 15.2, 15.8, 20.0])
+    surfaces(torch.stack([x, torch.full((4,), 7.5)]), torch.zeros(4, dtype=torch.int64))
+    found, owner = asked[0]
+    torch.testing.assert_close(found, torch.tensor([0.5, 0.5, 1.5, 1.5]), rtol=0, atol=1e-4)
+    assert owner.tolist() == [True, True, False, False]
+
+
+def test_cell_grid_is_grid_sample():
+    random = torch.Generator().manual_seed(0)
+    grids = torch.randn(3, 2, 4, 6, generator=random)
+    reach = torch.tensor([1.5, 0.7])
+    xy = (torch.rand(2, 50, generator=random) * 2.4 - 1.2) * reach[:, None]  # some beyond the border
+    frame = torch.randint(3, (50,), generator=random)
+    given = CellGrid(grids, reach)(xy, frame)
+    for column in range(50):
+        where = (xy[:, column] / reach)[None, None, None]
+        expected = torch.nn.functional.grid_sample(
+            grids[frame[column]][None], where, mode="bilinear", padding_mode="border", align_corners=True
+        )
+        torch.testing.assert_close(given[:, column], expected[0, :, 0, 0])
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("bake", ["none", "depth", "full"])
+def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: str):
+    queries = random_queries(20)
+    tracks, occlusion, *_ = QueryGraph(model, bake)(queries, torch.arange(FRAMES))
+    rows, home = np.arange(20), queries[:, 0].long()
+    assert torch.equal(tracks[rows, home], queries[:, 1:])
+    assert (occlusion[rows, home] == 0).all()
