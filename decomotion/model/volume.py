@@ -101,7 +101,8 @@ class Volume(nn.Module):
     def slopes(self, conditioning: Conditioning) -> Float[Tensor, " slope"]:
         """Those of all coupling layers that read grids, one after the other."""
         layers = zip(self._layers(), conditioning.couplings, strict=True)
-        return torch.cat([layer.slopes(rows) for layer, rows in layers])
+        none = conditioning.affine.new_zeros(0)
+        return torch.cat([none, *(layer.slopes(rows) for layer, rows in layers)])
 
     def matter(self, points: Float[Tensor, "*batch 3"]) -> Matter:
         """Density, colour and static confidence at canonical positions."""
