@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import platform
 import subprocess
 import sys
 import tempfile
@@ -27,7 +26,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 import torch
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
@@ -39,6 +37,7 @@ from decomo_runtime import Tracker
 from decomotion import checkpoint
 from decomotion.compositing import composite
 from decomotion.model.fusion import DecoMotion
+from harness.records import Record, provenance
 
 COLD = """
 import sys, time
@@ -112,14 +111,12 @@ def child(code: str, path: Path, threads: int) -> list[float]:
     return [float(word) for word in subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()]
 
 
-def measure_bake(
-    folder: Path, run: Path, bake: Bake, counts: list[int], repeats: int, threads: int
-) -> dict[str, object]:
+def measure_bake(folder: Path, run: Path, bake: Bake, counts: list[int], repeats: int, threads: int) -> Record:
     """All figures of one bake."""
     path = folder / f"{bake}.onnx"
     begin = time.perf_counter()
     exported = export(path, run, bake=bake)
-    record: dict[str, object] = {"export_seconds": time.perf_counter() - begin, "mib": exported.bytes / 2**20}
+    record: Record = {"export_seconds": time.perf_counter() - begin, "mib": exported.bytes / 2**20}
     tracker = Tracker(path, threads=threads)
     graph = QueryGraph(checkpoint.load(run / checkpoint.FILE_NAME).model.eval(), bake).eval()
     frames = np.arange(min(32, tracker.num_frames))
@@ -139,9 +136,9 @@ def measure_bake(
             graph(asked[0][:chunk], asked[1])
     flops = counter.get_total_flops() * len(many) / len(many[:chunk])
     record["torch_eager_seconds"] = eager
-    record["faster_than_torch"] = eager / float(record[f"{max(counts)}_seconds"])  # type: ignore[arg-type]
+    record["faster_than_torch"] = eager / float(record[f"{max(counts)}_seconds"])
     record["matrix_gflop"] = flops / 1e9
-    record["matrix_gflop_per_second"] = flops / 1e9 / float(record[f"{max(counts)}_seconds"])  # type: ignore[arg-type]
+    record["matrix_gflop_per_second"] = flops / 1e9 / float(record[f"{max(counts)}_seconds"])
     record["cold_start_seconds"] = min(child(COLD, path, threads)[0] for _ in range(repeats))
     record["peak_mib_above_first_answer"], record["mib_after_first_answer"] = child(PEAK, path, threads)
     return record
@@ -165,10 +162,9 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     counts = [int(text) for text in arguments.queries.split(",")]
 
-    record: dict[str, object] = {
-        "machine": platform.processor() or platform.machine(),
+    record: Record = {
+        **provenance(),
         "threads": arguments.threads,
-        "versions": {"torch": torch.__version__, "onnxruntime": onnxruntime.__version__},
         "fp32_matrix_gflop_per_second": matrix_rate(arguments.repeats) / 1e9,
     }
     with tempfile.TemporaryDirectory() as folder:
@@ -182,9 +178,9 @@ def main() -> None:
     record["omnimotion_way_seconds"] = seconds
     for bake in arguments.bake.split(","):
         of_bake = record[bake]
-        of_bake["faster_than_omnimotion_way"] = seconds / of_bake[f"{max(counts)}_seconds"]  # type: ignore[index]
-        share = of_bake["matrix_gflop_per_second"] / record["fp32_matrix_gflop_per_second"]  # type: ignore[index]
-        of_bake["share_of_matrix_rate"] = share  # type: ignore[index]
+        of_bake["faster_than_omnimotion_way"] = seconds / of_bake[f"{max(counts)}_seconds"]
+        share = of_bake["matrix_gflop_per_second"] / record["fp32_matrix_gflop_per_second"]
+        of_bake["share_of_matrix_rate"] = share
     print(json.dumps(record, indent=2))
     if arguments.json:
         arguments.json.write_text(json.dumps(record, indent=2) + "\n")
