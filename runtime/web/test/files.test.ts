@@ -23,9 +23,9 @@ const bytes = (text: string): Uint8Array => new TextEncoder().encode(text);
 describe("files of points", () => {
   it("writes tracks as decomo-track does", () => {
     expect(tracksCsv(POINTS).split("\n")).toEqual([
-      "point,frame,x,y,occlusion,occluded",
-      ...["0,0,1.0000,2.0000,0.7500,1", "0,1,2.2500,-0.5000,0.0000,0"],
-      ...["1,0,9.5000,7.5000,0.2500,0", "1,1,11.0000,12.0000,1.0000,1", ""],
+      "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y",
+      ...["0,0,1.0000,2.0000,0.7500,1,1,2.2500,-0.5000", "0,1,2.2500,-0.5000,0.0000,0,1,2.2500,-0.5000"],
+      ...["1,0,9.5000,7.5000,0.2500,0,0,9.5000,7.5000", "1,1,11.0000,12.0000,1.0000,1,0,9.5000,7.5000", ""],
     ]);
   });
 

@@ -15,13 +15,14 @@ export function pointsCsv(points: readonly Point[]): string {
 
 /** A line for each point and frame, as `decomo-track --out tracks.csv`. */
 export function tracksCsv(points: readonly Point[]): string {
-  const lines = points.flatMap(({ track }, row) =>
+  const decimals = (value: number | undefined): string => (value ?? 0).toFixed(4);
+  const lines = points.flatMap(({ t, x, y, track }, row) =>
     track.occluded.map((hidden, frame) => {
-      const numbers = [track.xy[2 * frame], track.xy[2 * frame + 1], track.occlusion[frame]];
-      return [row, frame, ...numbers.map((value) => (value ?? 0).toFixed(4)), hidden ? 1 : 0].join(",");
+      const answer = [track.xy[2 * frame], track.xy[2 * frame + 1], track.occlusion[frame]].map(decimals);
+      return [row, frame, ...answer, hidden ? 1 : 0, t, ...[x, y].map(decimals)].join(",");
     }),
   );
-  return `${["point,frame,x,y,occlusion,occluded", ...lines].join("\n")}\n`;
+  return `${["point,frame,x,y,occlusion,occluded,query_t,query_x,query_y", ...lines].join("\n")}\n`;
 }
 
 /** The arrays of `decomo-track --out tracks.npz`. */
