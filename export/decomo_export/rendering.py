@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
 from decomo_export.frozen import FrozenVolume, Matter
@@ -124,16 +125,29 @@ class FrozenModel(nn.Module):
         frame: Int[Tensor, " point"],
     ) -> Float[Tensor, "3 point"]:
         """Canonical positions of points, each in the volume that owns it."""
-        return self._by_owner(is_static, [volume.to_canonical(xy, depth, frame) for volume in self._volumes()])
+        return self._by_owner(is_static, 3, FrozenVolume.to_canonical, xy, depth, frame)
 
     def to_pixels(self, surface: Surface, frame: Int[Tensor, " point"]) -> Float[Tensor, "2 point"]:
         """Pixels at which surface points lie in their `frame`."""
-        places = [volume.to_pixels(surface.canonical, frame) for volume in self._volumes()]
-        return self._by_owner(surface.is_static, places)
+        return self._by_owner(surface.is_static, 2, FrozenVolume.to_pixels, surface.canonical, frame)
 
-    def _volumes(self) -> list[FrozenVolume]:
-        return [volume for volume in (self.static, self.dynamic) if volume is not None]
-
-    @staticmethod
-    def _by_owner(is_static: Bool[Tensor, " point"], values: list[Tensor]) -> Tensor:
-        return values[0] if len(values) == 1 else torch.where(is_static, *values)
+    def _by_owner(
+        self,
+        is_static: Bool[Tensor, " point"],
+        channels: int,
+        ask: Callable[..., Float[Tensor, "channel point"]],
+        *columns: Shaped[Tensor, "..."],
+    ) -> Float[Tensor, "channel point"]:
+        """What `ask` says of each point in the volume that owns it; no volume is asked about the other's points."""
+        if self.static is None or self.dynamic is None:
+            return ask(self.static or self.dynamic, *columns)
+        first = torch.zeros(1, dtype=torch.int64)
+        found, places = [], []
+        for volume, owned in ((self.static, is_static), (self.dynamic, ~is_static)):
+            place = torch.nonzero(owned)[:, 0]
+            asked = torch.cat([place, first])  # never empty: some of onnxruntime's operators mislay empty axes
+            found.append(ask(volume, *(column.index_select(-1, asked) for column in columns))[:, :-1])
+            places.append(place)
+        order = torch.cat(places).expand(channels, -1)
+        blank = columns[0].new_zeros(channels, is_static.shape[0])
+        return blank.scatter(1, order, torch.cat(found, dim=1))
