@@ -1,4 +1,4 @@
-"""Motion loss for a volume that cannot explain everything: what is far off hardly pulls."""
+"""Motion loss for links of which some are wrong, or not a volume's to explain: what is far off hardly pulls."""
 
 from __future__ import annotations
 
