@@ -17,7 +17,7 @@ from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 FILE_NAME = "checkpoint.pt"
 
 
@@ -66,20 +66,19 @@ def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, trainin
 def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
     """Reads a checkpoint and rebuilds its model.
 
-    Raises `CheckpointError` where the file is missing, damaged or of a newer format.
+    Raises `CheckpointError` where the file is missing, damaged or of another format.
     """
     if not path.is_file():
         raise CheckpointError(f"{path} does not exist; train first with decomo-train")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version = int(content["format_version"])
-        found = _rebuilt(content, str(path)) if version <= FORMAT_VERSION else None
+        found = _rebuilt(content, str(path)) if version == FORMAT_VERSION else None
     except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, TypeError, ValueError, OSError) as error:
         raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
     if found is None:
-        raise CheckpointError(
-            f"{path} has format {version} but this decomotion reads up to {FORMAT_VERSION}; upgrade it"
-        )
+        remedy = "upgrade it" if version > FORMAT_VERSION else "fit the clip again"
+        raise CheckpointError(f"{path} has format {version} but this decomotion reads {FORMAT_VERSION}; {remedy}")
     found.model.to(device)
     return found
 

@@ -211,6 +211,8 @@ class GridConditionerConfig(Leaf):
     """Cells along the image's longer side, level by level; the finest last."""
     rank: int = Field(ge=1)
     """Grids that are mixed into each frame's."""
+    slope: float = Field(gt=0)
+    """How much a level's log-scale or shift changes at most over a unit of length; approached smoothly."""
 
 
 class GaborFieldConfig(Leaf):

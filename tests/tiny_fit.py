@@ -44,7 +44,10 @@ TINY_CPU = (
     "model.static.couplings=1",
     "model.dynamic.couplings=2",
     *(f"model.{volume}.affine_hidden=8" for volume in ("static", "dynamic")),
-    *(f"model.{volume}.conditioner={{kind: grid, cells: [2, 4], rank: 3}}" for volume in ("static", "dynamic")),
+    *(
+        f"model.{volume}.conditioner={{kind: grid, cells: [2, 4], rank: 3, slope: 0.5}}"
+        for volume in ("static", "dynamic")
+    ),
     *(
         f"model.{field}={{kind: grid, width: 8, channels: 4, image_cells: [8], depth_cells: 4}}"
         for field in ("static.field", "dynamic.field", "feature_field")

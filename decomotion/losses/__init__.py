@@ -23,7 +23,6 @@ from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.robust_flow import robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
-from decomotion.losses.steepness import steepness_loss
 from decomotion.model.fusion import Prediction
 from decomotion.rays import FAR, NEAR
 
@@ -46,7 +45,6 @@ LOSSES: dict[str, Loss] = {
     "depth_range": lambda p, b: (
         depth_range_loss(p.static_depths, NEAR, FAR) + depth_range_loss(p.dynamic_depths, NEAR, FAR)
     ),
-    "steepness": lambda p, b: steepness_loss(p.slopes),
 }
 
 OF_STATIC = {"flow_static", "photometric_static", "segmentation"}

@@ -27,8 +27,6 @@ from decomotion.model.precision import HiddenLinear
 
 LOG_SCALE_LIMIT = 8.0
 """Bound of an MLP's log-scale, as in OmniMotion."""
-GRID_LOG_SCALE_LIMIT = 0.5
-"""Bound of a grid's log-scale, approached smoothly: without it, a layer and its neighbours can run away together."""
 
 
 def build_conditioner(
@@ -58,12 +56,6 @@ class CouplingLayer(nn.Module):
     def condition(self, code: Float[Tensor, "frame code"]) -> Float[Tensor, "frame ..."]:
         """Per-frame conditioning of this layer."""
         return self.conditioner.condition(code)
-
-    def slopes(self, conditioning: Float[Tensor, "frame ..."]) -> Float[Tensor, " slope"]:
-        """How steeply the layer's log-scale and shift change across the plane; none where they are not grids."""
-        if isinstance(self.conditioner, GridConditioner):
-            return self.conditioner.slopes(conditioning)
-        return conditioning.new_zeros(0)
 
     def to_canonical(
         self,
@@ -157,6 +149,9 @@ class GridConditioner(nn.Module):
 
     The frames' grids are mixtures of a few learned ones: `grid_frame = sum_r (W code_frame)_r basis_r`, a sum over
     levels of growing resolution. A look-up costs a hundredth of the MLP's arithmetic and its gradient is local.
+
+    No level is steeper than `config.slope`: chained layers multiply their slopes, and a chain that can amplify without
+    bound runs away. Values are therefore kept within half of what the slope allows between neighbouring cells.
     """
 
     reach: Tensor
@@ -166,6 +161,7 @@ class GridConditioner(nn.Module):
         self.register_buffer("reach", half, persistent=False)
         self.mixing = nn.ModuleList(nn.Linear(code_size, config.rank, bias=False) for _ in config.cells)
         self.basis = nn.ParameterList(torch.zeros(config.rank, 2, *grid_size(half, cells)) for cells in config.cells)
+        self.bounds = [config.slope / 2 * spacing(half, basis) for basis in self.basis]
         for mix in self.mixing:
             assert isinstance(mix, nn.Linear)
             # a step of Adam moves each of `rank` grids by the learning rate: together they should move as far as one
@@ -175,20 +171,12 @@ class GridConditioner(nn.Module):
         """The frames' grids at the finest resolution."""
         finest = self.basis[-1].shape[-2:]
         grids = code.new_zeros(())
-        for mix, basis in zip(self.mixing, self.basis, strict=True):
-            level = torch.einsum("fr,rchw->fchw", mix(code), basis)
+        for mix, basis, bound in zip(self.mixing, self.basis, self.bounds, strict=True):
+            level = bound * torch.tanh(torch.einsum("fr,rchw->fchw", mix(code), basis) / bound)
             if level.shape[-2:] != finest:
                 level = F.interpolate(level, size=finest, mode="bilinear", align_corners=True)
             grids = grids + level
         return grids
-
-    def slopes(self, conditioning: Float[Tensor, "frame 2 height width"]) -> Float[Tensor, " slope"]:
-        """Differences between neighbouring cells of the frames' grids, per unit of length."""
-        height, width = conditioning.shape[-2:]
-        per_unit = conditioning.new_tensor([width - 1, height - 1]) / (2 * self.reach)
-        across = conditioning.diff(dim=-1) * per_unit[0]
-        down = conditioning.diff(dim=-2) * per_unit[1]
-        return torch.cat([across.flatten(), down.flatten()])
 
     def forward(
         self,
@@ -202,7 +190,7 @@ class GridConditioner(nn.Module):
             values = F.grid_sample(
                 conditioning, where[:, :, None], mode="bilinear", padding_mode="border", align_corners=True
             )[..., 0]
-            return bounded(values[:, 0]), values[:, 1]
+            return values[:, 0], values[:, 1]
         return self._look_up_each(where, conditioning, frame)
 
     def _look_up_each(
@@ -224,12 +212,13 @@ class GridConditioner(nn.Module):
             padding_mode="border",
             align_corners=True,
         )[0]
-        return bounded(values[0]), values[1]
+        return values[0], values[1]
 
 
-def bounded(log_scale: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """A grid's log-scale, smoothly kept within +-`GRID_LOG_SCALE_LIMIT`."""
-    return GRID_LOG_SCALE_LIMIT * torch.tanh(log_scale / GRID_LOG_SCALE_LIMIT)
+def spacing(half: Float[Tensor, "2"], grid: Float[Tensor, "*rest height width"]) -> float:
+    """Length of the shorter side of a grid's cells, the grid covering +-`half`."""
+    height, width = grid.shape[-2:]
+    return min(2 * float(half[0]) / (width - 1), 2 * float(half[1]) / (height - 1))
 
 
 def grid_size(half: Float[Tensor, "2"], cells: int) -> tuple[int, int]:

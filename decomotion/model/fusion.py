@@ -79,8 +79,6 @@ class Prediction:
     """Second difference over neighbouring frames of each carried dynamic point's local position, normalised units.
 
     Where the static volume is alone, of its points."""
-    slopes: Float[Tensor, " slope"]
-    """How steep the transforms are where they are grids (`GridConditioner.slopes`)."""
 
 
 class DecoMotion(nn.Module):
@@ -191,7 +189,6 @@ class DecoMotion(nn.Module):
             static_depths=u[..., :alone, 2],
             dynamic_depths=v[..., :alone, 2],
             acceleration=self._acceleration((static[..., :alone, :], dynamic[..., :alone, :]), smooth_points, around),
-            slopes=torch.cat([self.static.slopes(conditioning.static), self.dynamic.slopes(conditioning.dynamic)]),
         )
 
     def to_carry(

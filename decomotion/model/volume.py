@@ -98,12 +98,6 @@ class Volume(nn.Module):
             points = layer.from_canonical(points, rows, frame)
         return decentred(self.affine.from_canonical(points, maps))
 
-    def slopes(self, conditioning: Conditioning) -> Float[Tensor, " slope"]:
-        """Those of all coupling layers that read grids, one after the other."""
-        layers = zip(self._layers(), conditioning.couplings, strict=True)
-        none = conditioning.affine.new_zeros(0)
-        return torch.cat([none, *(layer.slopes(rows) for layer, rows in layers)])
-
     def matter(self, points: Float[Tensor, "*batch 3"]) -> Matter:
         """Density, colour and static confidence at canonical positions."""
         raw = self.head(self.field(points.reshape(-1, 3))).reshape(*points.shape[:-1], 5)
@@ -142,10 +136,6 @@ class EmptyVolume(nn.Module):
         return points
 
     from_canonical = to_canonical
-
-    def slopes(self, conditioning: Conditioning) -> Float[Tensor, " slope"]:
-        """None."""
-        return conditioning.affine.new_zeros(0)
 
     def matter(self, points: Float[Tensor, "*batch 3"]) -> Matter:
         """No density."""

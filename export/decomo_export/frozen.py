@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from decomo_export.lookup import CellGrid
 from decomotion.geometry import ImagePlane
-from decomotion.model.coupling import CouplingLayer, GridConditioner, bounded
+from decomotion.model.coupling import CouplingLayer, GridConditioner
 from decomotion.model.field import GridField
 from decomotion.model.volume import Conditioning, Volume
 
@@ -116,7 +116,7 @@ class FrozenGrid(nn.Module):
     ) -> tuple[Float[Tensor, "1 point"], Float[Tensor, "1 point"]]:
         """Log-scale and shift at places in the layer's plane."""
         log_scale, shift = self.grid(plane, frame).chunk(2)
-        return bounded(log_scale), shift
+        return log_scale, shift
 
 
 class FrozenNetwork(nn.Module):

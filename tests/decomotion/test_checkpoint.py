@@ -94,9 +94,9 @@ def test_damaged(path: Path, damage: Callable[[bytes], bytes]):
         {"state_dict": {}},
         [1, 2],
         torch.zeros(3),
-        {"format_version": 1},
+        {"format_version": checkpoint.FORMAT_VERSION},
         {"format_version": "new", "config": {}},
-        {"format_version": 1, "config": {}, "clip": {"name": "goat"}},
+        {"format_version": checkpoint.FORMAT_VERSION, "config": {}, "clip": {"name": "goat"}},
     ],
     ids=["another dict", "list", "tensor", "nothing else", "version of text", "other facts"],
 )
@@ -117,9 +117,11 @@ def change(path: Path, **changes: Any) -> None:
     torch.save(torch.load(path, weights_only=True) | changes, path)
 
 
-def test_newer(path: Path):
-    change(path, format_version=checkpoint.FORMAT_VERSION + 1)
-    with pytest.raises(CheckpointError, match=r"has format 2 but this decomotion reads up to 1; upgrade it"):
+@pytest.mark.parametrize(("later", "remedy"), [(1, "upgrade it"), (-1, "fit the clip again")])
+def test_another_format(path: Path, later: int, remedy: str):
+    version = checkpoint.FORMAT_VERSION + later
+    change(path, format_version=version)
+    with pytest.raises(CheckpointError, match=f"has format {version} but this decomotion reads .*; {remedy}"):
         load(path)
 
 
@@ -147,7 +149,7 @@ class Bomb:
     ids=["zip", "pickle"],
 )
 def test_code_is_refused_and_not_run(tmp_path: Path, write: Callable[[object, Path], object]):
-    write({"format_version": 1, "config": Bomb(tmp_path / "mark")}, tmp_path / FILE_NAME)
+    write({"format_version": checkpoint.FORMAT_VERSION, "config": Bomb(tmp_path / "mark")}, tmp_path / FILE_NAME)
     with pytest.raises(CheckpointError):
         load(tmp_path / FILE_NAME)
     assert not (tmp_path / "mark").exists()

@@ -34,7 +34,7 @@ def test_omnimotion_is_cpu_but_for_the_decomposition():
         name: fused.loss[name]
         for name in (
             *("flow_fused", "flow_robust", "photometric_fused"),
-            *("scene_flow", "distortion", "depth_range", "steepness"),
+            *("scene_flow", "distortion", "depth_range"),
         )
     }
     assert single.model.volumes == "dynamic"

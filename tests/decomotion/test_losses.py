@@ -19,7 +19,6 @@ from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
-from decomotion.losses.steepness import steepness_loss
 from tiny_fit import tiny_model
 
 
@@ -116,12 +115,6 @@ class TestRegularisers:
     def test_depth_range_by_hand(self):
         depths = torch.tensor([[-0.5, 0.0, 1.0], [2.0, 3.0, 0.5]])
         assert depth_range_loss(depths, 0.0, 2.0).item() == pytest.approx((0.25 + 1) / 6)
-
-    def test_steepness_by_hand(self):
-        assert steepness_loss(torch.tensor([0.5, -1.0, 3.0, -2.0])).item() == pytest.approx((4 + 1) / 4)
-
-    def test_steepness_of_no_grids_is_zero(self):
-        assert steepness_loss(torch.zeros(0)).item() == 0
 
     def test_scene_flow_by_hand(self):
         acceleration = torch.tensor([[[1.0, -2.0, 0.0], [0.0, 0.0, 0.5]]])[None]

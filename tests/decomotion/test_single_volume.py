@@ -86,7 +86,7 @@ def test_every_parameter_learns(volumes: str):
 
 def test_losses_of_a_volume_that_is_not_there_are_left_out():
     everything = dict.fromkeys(LOSSES, 1.0)
-    either = {"flow_fused", "flow_robust", "photometric_fused", "scene_flow", "distortion", "depth_range", "steepness"}
+    either = {"flow_fused", "flow_robust", "photometric_fused", "scene_flow", "distortion", "depth_range"}
     assert applicable(everything, "fused") == everything
     assert set(applicable(everything, "static")) == either | {"flow_static", "photometric_static"}
     assert set(applicable(everything, "dynamic")) == either | {"flow_dynamic", "photometric_dynamic", "feature"}
