@@ -3,7 +3,8 @@
     clip, dataset, row, preset, overrides, seed      what was run; a baseline has no seed
     time_budget or steps, rebuild_cache              how long, and whether preparation came out of that time
     config          hash of the resolved configuration (of a baseline: of its `data`), the same in all records of a row
-    commit, date, machine, versions                  of what, when, where; load_average as the run began
+    commit, date, machine, versions                  of what, when, where; load_average as the run began, threads
+                                                       as OMP_NUM_THREADS limits them
     stages          {stage: {seconds, peak_rss_gib, ...}}; `train` also has prepare_seconds (part of seconds) and steps
     model_bytes     size of the .onnx file; a baseline has none
     metrics         {query mode: {metric: value}} over all points
@@ -66,6 +67,7 @@ def provenance() -> Record:
         "machine": {
             "processor": _processor(),
             "cores": os.cpu_count(),
+            "threads": os.environ.get("OMP_NUM_THREADS", "all"),
             "system": platform.platform(),
             "load_average": round(os.getloadavg()[0], 1),
         },
