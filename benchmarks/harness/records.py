@@ -3,8 +3,8 @@
     clip, dataset, row, preset, overrides, seed      what was run; a baseline has no seed
     time_budget or steps, rebuild_cache              how long, and whether preparation came out of that time
     config          hash of the resolved configuration (of a baseline: of its `data`), the same in all records of a row
-    commit, date, machine, versions                  of what, when, where; load_average as the run began, threads
-                                                       as OMP_NUM_THREADS limits them
+    commit, date, machine, versions                  of what, when, where; load_average as the run began,
+                                                     threads as OMP_NUM_THREADS limits them
     stages          {stage: {seconds, peak_rss_gib, ...}}; `train` also has prepare_seconds (part of seconds) and steps
     model_bytes     size of the .onnx file; a baseline has none
     metrics         {query mode: {metric: value}} over all points
