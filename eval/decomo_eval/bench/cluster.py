@@ -1,0 +1,97 @@
+"""The Ray engine: attempts on a cluster, or on a Ray of this machine alone; what they make lies in a shared folder."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from decomo_eval.bench.engine import Room, first_line
+from decomo_eval.bench.task import Outcome, Task
+from decomo_eval.errors import EvalError
+
+CONNECT_SECONDS = 10
+"""After which an address counts as silent; Ray itself would try for minutes."""
+ENVIRONMENT = {
+    "RAY_process_group_cleanup_enabled": "true",  # with a worker that is killed, the fit that it started ends too
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # tasks that ask for no GPU see the machine's, as without Ray
+}
+"""Of a Ray that is started here, where the user has not said otherwise."""
+
+
+@dataclass(frozen=True)
+class RayEngine:
+    """Attempts as Ray tasks. Ray itself retries none: `engine.run_tasks` does, on whatever node has room."""
+
+    address: str | None = None
+    """As of `ray.init`: default RAY_ADDRESS, else the Ray that runs on this machine, else a new one for this run."""
+    cpus: int = 1
+    """Of each attempt; also its threads."""
+    gpus: float = 0
+    """Of each attempt; a fraction shares one GPU."""
+    jobs: int | None = None
+    """Attempts at a time. Default: as many as the cluster has room for now; more lets one that can grow do so."""
+
+    @contextmanager
+    def start(self) -> Iterator[Room]:
+        """Connects, or starts Ray; in the end what still runs for this benchmark is stopped.
+
+        Raises `EvalError` where Ray is not installed, does not answer or has no room for one attempt.
+        """
+        ray = _ray()
+        address = self.address or os.environ.get("RAY_ADDRESS")
+        try:
+            _check_answers(address)
+            ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
+        except (OSError, RuntimeError, ValueError) as error:
+            said = first_line(error)
+            raise EvalError(f"Ray does not answer at {address or 'this machine'} ({said}); is it started?") from error
+        try:
+            remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
+
+            def submit(task: Task, number: int) -> Future[Outcome]:
+                return remote.remote(task, number, self.cpus).future()
+
+            yield Room(self.jobs or self._room(ray.nodes()), submit)
+        finally:
+            ray.shutdown()
+
+    def _room(self, nodes: list[dict[str, Any]]) -> int:
+        """How many attempts fit onto the nodes."""
+        resources = [node["Resources"] for node in nodes if node["Alive"]]
+        fit = sum(
+            int(min(has.get("CPU", 0) // self.cpus, has.get("GPU", 0) // self.gpus if self.gpus else 1e9))
+            for has in resources
+        )
+        if not fit:
+            raise EvalError(
+                f"no node of the Ray cluster has {self.cpus} CPUs and {self.gpus:g} GPUs; ask for less, or give --jobs "
+                "if the cluster grows on demand"
+            )
+        return fit
+
+
+def _check_answers(address: str | None) -> None:
+    """Raises `OSError` or `ValueError` where the address names a machine that does not answer."""
+    if address not in (None, "auto", "local"):
+        host, _, port = address.removeprefix("ray://").rpartition(":")
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
+
+
+def _attempt(task: Task, number: int, threads: int) -> Outcome:
+    return task.attempt(number, threads)
+
+
+def _ray() -> Any:
+    for name, value in ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    try:
+        import ray
+    except ModuleNotFoundError as error:
+        raise EvalError("--engine ray needs Ray; run: pip install 'decomotion[ray]'") from error
+    return ray
