@@ -39,7 +39,9 @@ Metrics = Callable[..., Mapping[str, np.ndarray]]
 def official_function(path: Path) -> tuple[Metrics, str]:
     """The function of that name in a source file, and a short hash of its text."""
     source = path.read_text(encoding="utf-8")
-    found = [part for part in ast.parse(source).body if isinstance(part, ast.FunctionDef) and part.name == OFFICIAL]
+    found: list[ast.stmt] = [
+        part for part in ast.parse(source).body if isinstance(part, ast.FunctionDef) and part.name == OFFICIAL
+    ]
     if not found:
         raise click.UsageError(f"{path} has no function {OFFICIAL}; it must be tapnet's evaluation_datasets.py")
     names: dict[str, Any] = {"np": np, "Mapping": Mapping}
@@ -53,7 +55,7 @@ def random_video(number: int, queries: int, frames: int) -> tuple[Queries, Predi
     tracks = random.uniform(0, 256, (queries, 1, 2)) + random.normal(0, 2, (queries, frames, 2)).cumsum(axis=1)
     occluded = random.random((queries, frames)) < 0.33
     frame = random.integers(frames, size=queries)
-    points = np.column_stack([frame, tracks[np.arange(queries), frame, ::-1]])
+    points = np.column_stack([frame.astype(np.float64), tracks[np.arange(queries), frame, ::-1]])
     answers = tracks + random.normal(0, 4, tracks.shape)
     wrong = random.random(occluded.shape) < 0.1
     return Queries(points, tracks, occluded), Prediction(answers, occluded ^ wrong, (256, 256))
@@ -81,10 +83,15 @@ def main(official: Path, videos: int, queries: int, frames: int, record_path: Pa
     totals = {"official_seconds": 0.0, "seconds": 0.0, "all_metrics_seconds": 0.0}
     for number in range(videos):
         asked, answered = random_video(number, queries, frames)
-        arrays = (asked.points, asked.occluded, asked.tracks, answered.occluded, answered.tracks)
-        batch = [array[None] for array in arrays]
-        theirs, expected = best(lambda batch=batch: function(*batch, STRIDED))
-        ours, found = best(lambda batch=batch: tapvid_metrics(*batch, STRIDED))
+        arrays = {
+            "query_points": asked.points[None],
+            "gt_occluded": asked.occluded[None],
+            "gt_tracks": asked.tracks[None],
+            "pred_occluded": answered.occluded[None],
+            "pred_tracks": answered.tracks[None],
+        }
+        theirs, expected = best(lambda arrays=arrays: function(**arrays, query_mode=STRIDED))
+        ours, found = best(lambda arrays=arrays: tapvid_metrics(**arrays, query_mode=STRIDED))
         for name, value in expected.items():
             np.testing.assert_array_equal(found[name], value, err_msg=name)
         everything, _ = best(lambda a=asked, b=answered: score(a, b, STRIDED))

@@ -106,7 +106,7 @@ def test_runtime_and_eval_name_no_training_library_even_in_a_function(package: s
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_library_used_is_declared(package: str):
-    """In the base install for runtime, eval and the ground floor; in the extras of training for the rest, or its own."""
+    """In the base install for runtime, eval and the ground floor; an extra for the rest."""
     base, extras = PROJECT["dependencies"], PROJECT["optional-dependencies"]
     extra = [*extras["train"], *extras["dino"]]
     distributions_of = packages_distributions()
