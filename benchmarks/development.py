@@ -41,7 +41,7 @@ def document(rows: dict[str, list[Record]], command: str) -> Iterator[str]:
     yield "# TAP-Vid-DAVIS, ten development clips, first 32 frames only, 256x256"
     yield ""
     yield f"Made by `{command}` from the records beside this file, which name commit, versions and load of each run."
-    yield f"{dates[0]} to {dates[-1]}, {', '.join(machines)}. Published figures are of full-length clips: no comparison."
+    yield f"{dates[0]} to {dates[-1]}, {', '.join(machines)}. Published figures: of full-length clips."
     for query_mode in QUERY_MODES:
         reference = by_clip(rows[REFERENCE], query_mode) if REFERENCE in rows else None
         yield from ("", f"## {query_mode}", "", *row_table(rows, query_mode, reference))

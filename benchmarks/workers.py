@@ -3,8 +3,8 @@
     python benchmarks/workers.py ../shared/data/tapvid_davis32_dev.pkl --time-budget 1m \
         --json benchmarks/results/workers.json
 
-With a budget of time a fit ends after it however little it has done: wall time says how many videos an hour, steps and AJ
-what was lost on each. About half an hour for ten clips at a minute; nothing else may run.
+A fit with a budget of time ends after it however little it has done: wall time says how many videos an hour, steps and
+AJ what was lost on each. About half an hour for ten clips at a minute; nothing else may run.
 """
 
 from __future__ import annotations

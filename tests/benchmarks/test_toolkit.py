@@ -1,0 +1,101 @@
+"""The programs behind the figures of `decomo-eval` and `decomo-bench`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import accuracy
+import baselines
+import development
+import scoring
+import workers
+from decomotion.console import run
+from decomotion.errors import TrainingError
+from tiny_fit import TINY_CPU, sliding_square, write_truth
+
+OFFICIAL = """
+import tensorflow_that_is_not_installed
+def compute_tapvid_metrics(
+    query_points: np.ndarray, gt_occluded, gt_tracks, pred_occluded, pred_tracks, query_mode: str
+) -> Mapping[str, np.ndarray]:
+    assert query_mode == 'strided'
+    counted = np.arange(gt_occluded.shape[2]) != query_points[..., :1]
+    return {'occlusion_accuracy': np.sum((pred_occluded == gt_occluded) & counted, (1, 2)) / np.sum(counted, (1, 2))}
+"""
+
+
+def test_scoring_is_timed_against_a_function_of_a_file_whose_libraries_are_absent(tmp_path: Path):
+    source, record = tmp_path / "official.py", tmp_path / "record.json"
+    source.write_text(OFFICIAL)
+    size = ["--videos", "2", "--queries", "20", "--frames", "6"]
+    assert run(scoring.main, [str(source), *size, "--json", str(record)]) == 0
+    written = json.loads(record.read_text())
+    assert written["times_as_fast"] == pytest.approx(written["official_seconds"] / written["seconds"], rel=0.5)
+    source.write_text(OFFICIAL.replace("==", "!="))  # other numbers are no comparison
+    with pytest.raises(AssertionError):
+        run(scoring.main, [str(source), *size])
+    source.write_text("import numpy")
+    assert run(scoring.main, [str(source)]) == 2
+
+
+def record(row: str, clip: str, aj: float) -> dict[str, Any]:
+    metrics = {mode: {"average_jaccard": aj, "average_pts_within_thresh": aj} for mode in ("strided", "first")}
+    about = {"date": "2026-01-02", "machine": {"cores": 2, "processor": "some"}, "stages": {}, "splits": {}}
+    return {"row": row, "clip": clip, "seed": 0, "metrics": metrics, **about}
+
+
+def test_the_full_table_is_of_both_programs_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Their own options, as they take them; their work is tested elsewhere."""
+    shared, out, asked = tmp_path / "shared", tmp_path / "results", []
+    for name in (development.MASKS, development.WEIGHTS):
+        (shared / name).parent.mkdir(parents=True, exist_ok=True)
+        (shared / name).touch()
+
+    def fit(**options: Any) -> None:
+        asked.append(options)
+        (options["out"] / "cpu").mkdir(parents=True)
+        (options["out"] / "cpu" / "goat.json").write_text(json.dumps(record("cpu", "goat", 0.75)))
+        raise TrainingError("one of the fits failed")
+
+    def flow(**options: Any) -> None:
+        asked.append(options)
+        for method in options["methods"].split(","):
+            row = options["out"] / f"{method}-{options['flows']}"
+            row.mkdir(parents=True)
+            (row / "goat.json").write_text(json.dumps(record(row.name, "goat", 0.5)))
+
+    monkeypatch.setattr(accuracy.main, "callback", fit)
+    monkeypatch.setattr(baselines.main, "callback", flow)
+    command = [str(shared), "--clips", "goat", "--out", str(out)]
+    assert run(development.main, command) == 1  # and the table is there
+    assert [options["flows"] for options in asked[:2]] == ["dis", "raft-small"]
+    assert asked[2]["presets"] == ("cpu", "omnimotion")
+    assert {options["clips"] for options in asked} == {"goat"}
+    rows = (out / "development.md").read_text()
+    for row in ("cpu", "chained-dis", "direct-dis", "linked-dis", "chained-raft-small", "linked-raft-small"):
+        assert f"| {row} | 1 | " in rows
+    assert "| cpu | 1 | 75.0 | 75.0 |" in rows
+    assert "| +25.0 |" in rows
+
+    asked.clear()
+    (out / "development.md").unlink()
+    assert run(development.main, [*command, "--only", "table"]) == 0
+    assert not asked
+    assert (out / "development.md").read_text() == rows
+
+
+@pytest.mark.slow
+def test_workers_are_compared_on_the_same_videos(tmp_path: Path):
+    truth = write_truth(sliding_square(), tmp_path / "truth.pkl")
+    settings = [part for override in TINY_CPU for part in ("--set", override)]
+    budget = ["--time-budget", "2s", "--json", str(tmp_path / "record.json")]
+    assert run(workers.main, [str(truth), *budget, *settings]) == 0
+    written = json.loads((tmp_path / "record.json").read_text())
+    one, two = written["workers"]["1"], written["workers"]["2"]
+    assert one["videos"] == two["videos"] == 1
+    assert min(one["steps_per_video"], two["steps_per_video"]) >= 1
+    assert written["speed_up"] == pytest.approx(one["seconds"] / two["seconds"], abs=0.01)
