@@ -22,6 +22,7 @@ import accuracy
 import baselines
 from decomo_eval.query_mode import QUERY_MODES
 from decomotion.console import run
+from decomotion.files import replacing
 from harness.records import Record, read_records
 from harness.summary import by_clip
 from table import clip_table, row_table
@@ -36,12 +37,13 @@ REFERENCE, OURS = "chained-dis", "cpu"
 def document(rows: dict[str, list[Record]], command: str) -> Iterator[str]:
     """Lines of Markdown: what was measured and how, the rows, and our fits clip by clip."""
     records = [record for row in rows.values() for record in row]
-    dates = sorted({record["date"] for record in records})
+    dates, commits = ({record[key]: None for record in records} for key in ("date", "commit"))
     machines = sorted({f"{r['machine']['cores']} cores of {r['machine']['processor']}" for r in records})
     yield "# TAP-Vid-DAVIS, ten development clips, first 32 frames only, 256x256"
     yield ""
-    yield f"Made by `{command}` from the records beside this file, which name commit, versions and load of each run."
-    yield f"{dates[0]} to {dates[-1]}, {', '.join(machines)}. Published figures: of full-length clips."
+    yield f"Made by `{command}` from the records in `{FITS}` and `{BASELINES}` beside this file."
+    yield f"{', '.join(sorted(dates))}; commits {', '.join(commits)}; {', '.join(machines)}."
+    yield "Published figures are for full-length clips and not comparable."
     for query_mode in QUERY_MODES:
         reference = by_clip(rows[REFERENCE], query_mode) if REFERENCE in rows else None
         yield from ("", f"## {query_mode}", "", *row_table(rows, query_mode, reference))
@@ -73,7 +75,8 @@ def main(shared: Path, clips: str | None, only: str | None, out: Path) -> None:
         rows = {name: row for part in (FITS, BASELINES) for name, row in read_records(out / part).items()}
         if rows:
             path, command = out / "development.md", f"python benchmarks/development.py {shared}"
-            path.write_text("\n".join(document(rows, command)) + "\n", encoding="utf-8")
+            with replacing(path) as temporary:
+                temporary.write_text("\n".join(document(rows, command)) + "\n", encoding="utf-8")
             click.echo(f"wrote {path}")
 
 
