@@ -31,7 +31,9 @@ clip = pathlib.Path(frames).name
 assert len(list(pathlib.Path(frames).iterdir())) == 11
 calls = pathlib.Path("calls") / clip
 calls.mkdir(parents=True, exist_ok=True)
-(calls / str(len(list(calls.iterdir())))).write_text(os.environ["OMP_NUM_THREADS"])
+(calls / str(len(list(calls.iterdir())))).write_text(
+    os.environ["OMP_NUM_THREADS"] + " " + os.environ.get("CUDA_VISIBLE_DEVICES", "all")
+)
 plan = pathlib.Path("plan") / clip
 order = plan.read_text() if plan.exists() else "works"
 if order == "killed once":
@@ -148,6 +150,7 @@ def test_all_may_fail(bench: Bench) -> None:
         (["--videos", "up"], "has no video up"),
         (["--engine", "slurm"], "'slurm' is not"),
         (["--address", "auto"], "--address and --gpus-per-task are for --engine ray"),
+        (["--engine", "ray", "--gpus-per-task", "1.5"], "whole GPUs, or a share of one, not 1.5"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -166,10 +169,11 @@ def test_names_that_are_no_files_are_refused(name: str, tmp_path: Path) -> None:
 
 
 def test_cores_are_shared_out_or_given(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
     monkeypatch.setattr(os, "cpu_count", lambda: 7)
     assert bench("--videos", "left", "--jobs", "3") == 0
     assert bench("--videos", "right", "--cpus-per-task", "5") == 0
-    assert (Path("calls/left/0").read_text(), Path("calls/right/0").read_text()) == ("2", "5")
+    assert (Path("calls/left/0").read_text(), Path("calls/right/0").read_text()) == ("2 0,1", "5 0,1")
 
 
 def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path, tmp_path: Path) -> None:
@@ -223,6 +227,7 @@ def test_a_ray_reached_by_its_address(bench: Bench, ray_address: str, capsys: py
     Path("plan/right").write_text("fails")
     assert bench(*on_ray, "--attempts", "2") == 1
     assert (calls("left"), calls("right")) == (2, 2)
+    assert Path("calls/left/1").read_text() == "1 "  # no GPU was reserved, none is seen
     summary = json.loads(Path("out/summary.json").read_text())
     assert summary["jobs"] == 2  # what has room
     assert [outcome["name"] for outcome in summary["failed"]] == ["right"]

@@ -32,7 +32,9 @@ from decomotion.errors import TrainingError
     type=click.IntRange(min=1),
     help="Threads of each video, and CPUs that ray reserves.  [default: the cores by --jobs; of ray, 1]",
 )
-@click.option("--gpus-per-task", type=click.FloatRange(min=0), help="GPUs that ray reserves; 0.5 shares one.")
+@click.option(
+    "--gpus-per-task", type=click.FloatRange(min=0), help="GPUs that ray reserves, 0.5: a share.  [default: 0]"
+)
 @click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a video before it is given up.")
 def command(
     dataset: Path,

@@ -19,7 +19,6 @@ CONNECT_SECONDS = 10
 ENVIRONMENT = {
     "RAY_process_group_cleanup_enabled": "true",  # with a worker that is killed, the fit that it started ends too
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # tasks that ask for no GPU see the machine's, as without Ray
 }
 """Of a Ray that is started here, where the user has not said otherwise."""
 
@@ -33,9 +32,13 @@ class RayEngine:
     cpus: int = 1
     """Of each attempt; also its threads."""
     gpus: float = 0
-    """Of each attempt; a fraction shares one GPU."""
+    """Of each attempt, which sees no other: whole, or a share of one GPU."""
     jobs: int | None = None
     """Attempts at a time. Default: as many as the cluster has room for now; more lets one that can grow do so."""
+
+    def __post_init__(self) -> None:
+        if self.gpus < 0 or (self.gpus > 1 and self.gpus % 1):
+            raise EvalError(f"a task reserves whole GPUs, or a share of one, not {self.gpus:g}")
 
     @contextmanager
     def start(self) -> Iterator[Room]:
@@ -55,7 +58,7 @@ class RayEngine:
             remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
 
             def submit(task: Task, number: int) -> Future[Outcome]:
-                return remote.remote(task, number, self.cpus).future()
+                return remote.remote(task, number, self.cpus, self.gpus > 0).future()
 
             yield Room(self.jobs or self._room(ray.nodes()), submit)
         finally:
@@ -64,9 +67,9 @@ class RayEngine:
     def _room(self, nodes: list[dict[str, Any]]) -> int:
         """How many attempts fit onto the nodes."""
         resources = [node["Resources"] for node in nodes if node["Alive"]]
+        asked = {"CPU": self.cpus, "GPU": self.gpus}
         fit = sum(
-            int(min(has.get("CPU", 0) // self.cpus, has.get("GPU", 0) // self.gpus if self.gpus else 1e9))
-            for has in resources
+            min(int(has.get(kind, 0) / number + 1e-6) for kind, number in asked.items() if number) for has in resources
         )
         if not fit:
             raise EvalError(
@@ -83,7 +86,9 @@ def _check_answers(address: str | None) -> None:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
 
 
-def _attempt(task: Task, number: int, threads: int) -> Outcome:
+def _attempt(task: Task, number: int, threads: int, on_gpu: bool) -> Outcome:
+    if not on_gpu:  # Ray hides what others reserve from those only that reserve some themselves
+        os.environ["CUDA_VISIBLE_DEVICES"] = ""
     return task.attempt(number, threads)
 
 
