@@ -51,9 +51,11 @@ class RayEngine:
         try:
             _check_answers(address)
             ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
-        except (OSError, RuntimeError, ValueError) as error:
-            said = first_line(error)
-            raise EvalError(f"Ray does not answer at {address or 'this machine'} ({said}); is it started?") from error
+        except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+            raise EvalError(
+                f"Ray does not answer at {address or 'this machine'} ({first_line(error)}); start it, or set "
+                "RAY_AUTH_MODE=token if it asks for a token"
+            ) from error
         try:
             remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
 
