@@ -25,7 +25,7 @@ from decomotion.errors import TrainingError
 @click.option("--videos", metavar="A,B", help="These only.  [default: all]")
 @click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
 @click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="This machine, or Ray.")
-@click.option("--address", help="Of a Ray cluster.  [default: RAY_ADDRESS, else the Ray of this machine, or a new one]")
+@click.option("--address", help="Of a Ray cluster.  [default: RAY_ADDRESS, else local, a new one]")
 @click.option("--jobs", type=click.IntRange(min=1), help="Videos at a time.  [default: 1; of ray, what has room]")
 @click.option(
     "--cpus-per-task",

@@ -28,7 +28,7 @@ class RayEngine:
     """Attempts as Ray tasks. Ray itself retries none: `engine.run_tasks` does, on whatever node has room."""
 
     address: str | None = None
-    """As of `ray.init`: default RAY_ADDRESS, else the Ray that runs on this machine, else a new one for this run."""
+    """As of `ray.init`: default RAY_ADDRESS, else `local`, a Ray of this machine that is started for this run."""
     cpus: int = 1
     """Of each attempt; also its threads."""
     gpus: float = 0
@@ -47,14 +47,14 @@ class RayEngine:
         Raises `EvalError` where Ray is not installed, does not answer or has no room for one attempt.
         """
         ray = _ray()
-        address = self.address or os.environ.get("RAY_ADDRESS")
+        address = self.address or os.environ.get("RAY_ADDRESS") or "local"
         try:
             _check_answers(address)
             ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
-        except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        except Exception as error:  # Ray raises bare ones too
             raise EvalError(
-                f"Ray does not answer at {address or 'this machine'} ({first_line(error)}); start it, or set "
-                "RAY_AUTH_MODE=token if it asks for a token"
+                f"Ray does not answer at {address} ({first_line(error)}); start it, or set RAY_AUTH_MODE=token if it "
+                "asks for a token"
             ) from error
         try:
             remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
@@ -81,9 +81,9 @@ class RayEngine:
         return fit
 
 
-def _check_answers(address: str | None) -> None:
+def _check_answers(address: str) -> None:
     """Raises `OSError` or `ValueError` where the address names a machine that does not answer."""
-    if address not in (None, "auto", "local"):
+    if address not in ("auto", "local"):
         host, _, port = address.removeprefix("ray://").rpartition(":")
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
 
