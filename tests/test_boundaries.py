@@ -38,6 +38,8 @@ MAY_IMPORT = {
 SUPERVISION = ["decomotion.config", "decomotion.data.flow", "decomotion.data.intervals", "decomotion.data.linking"]
 """What the flow baselines fetch of the trainer's, when one is made and not before."""
 OF_THE_BASELINES = {"decomo_eval.baselines": SUPERVISION}
+OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray"}
+"""Modules that fetch what one extra installs, when it is asked for and not before."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
 TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -104,13 +106,15 @@ def test_runtime_and_eval_name_no_training_library_even_in_a_function(package: s
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_library_used_is_declared(package: str):
-    """In the base install for runtime, eval and the ground floor; in the extras of training for the rest."""
+    """In the base install for runtime, eval and the ground floor; an extra for the rest."""
     base, extras = PROJECT["dependencies"], PROJECT["optional-dependencies"]
     extra = [*extras["train"], *extras["dino"]]
     distributions_of = packages_distributions()
     for module, file in modules_of(package):
         torch_free = package in TORCH_FREE or module in GROUND_FLOOR
-        declared = {distribution_name(requirement) for requirement in (base if torch_free else [*base, *extra])}
+        own = extras[OF_AN_EXTRA[module]] if module in OF_AN_EXTRA else []
+        requirements = [*base, *own] if torch_free else [*base, *extra]
+        declared = {distribution_name(requirement) for requirement in requirements}
         libraries = {name.split(".")[0] for name in imported_names(file.read_text(), module, False)}
         for library in libraries - set(PACKAGES) - set(sys.stdlib_module_names):
             owners = {distribution_name(owner) for owner in distributions_of.get(library, [library])}
@@ -119,7 +123,7 @@ def test_every_library_used_is_declared(package: str):
             )
 
 
-def test_runtime_and_eval_import_without_the_training_extra():
+def test_runtime_and_eval_import_without_the_extras():
     without_torch = [name for package in TORCH_FREE for name, _ in modules_of(package)]
     modules = [name for name in [*GROUND_FLOOR, *without_torch] if "__" not in name]
     assert {"decomotion.clip", "decomo_runtime.cli", "decomo_eval.cli", "decomo_eval.sample.cli"} <= set(modules)
@@ -131,13 +135,14 @@ hidden, modules = (argument.split(",") for argument in sys.argv[1:])
 class Hidden:
     def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] in hidden:
-            raise ImportError(f"{name} is hidden: it belongs to the training extra")
+            raise ImportError(f"{name} is hidden: it belongs to an extra")
 
 sys.meta_path.insert(0, Hidden())
 for module in modules:
     importlib.import_module(module)
 """
-    result = run_python(hide_then_import, ",".join(TRAINING_ONLY), ",".join(modules))
+    hidden = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    result = run_python(hide_then_import, ",".join(hidden), ",".join(modules))
     assert result.returncode == 0, result.stderr
 
 
@@ -157,7 +162,8 @@ code = getattr(importlib.import_module(module), function)(argv)
 print("imported:", [name for name in heavy.split(",") if name in sys.modules])
 sys.exit(code)
 """
-    result = run_python(help_then_heavy_modules, module, function, ",".join(TRAINING_ONLY), *argv)
+    heavy = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    result = run_python(help_then_heavy_modules, module, function, ",".join(heavy), *argv)
     assert result.returncode == 0, result.stderr
     help_text, _, imported = result.stdout.rpartition("imported: ")
     assert help_text.startswith("Usage: ")

@@ -24,7 +24,8 @@ README = (ROOT / "README.md").read_text()
 
 
 def shell_blocks(markdown: str) -> list[list[str]]:
-    return [block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)]
+    blocks = re.findall(r"^```sh\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)
+    return [block.replace("\\\n", " ").splitlines() for block in blocks]
 
 
 def test_version_is_that_of_the_source():
@@ -71,7 +72,7 @@ def documented_options(command: str) -> set[str]:
     """The options with which `command` stands in the shell blocks of the README and docs/."""
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     lines = [line for page in pages for block in shell_blocks(page.read_text()) for line in block]
-    calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\|", line)]
+    calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\||\s--\s", line)]
     return {word for call in calls if call[:1] == [command] for word in call[1:] if word.startswith("--")}
 
 

@@ -6,5 +6,5 @@ BASELINES = ("chain", "direct", "multi")
 """Ways from flow to tracks (`baselines.py`)."""
 FLOWS = ("dis", "raft-small", "raft-large")
 """Flow estimators, by the names of the trainer's configuration."""
-ENGINES = ("local",)
+ENGINES = ("local", "ray")
 """Where the tasks of a whole benchmark run (`bench/`)."""

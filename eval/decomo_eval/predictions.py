@@ -42,6 +42,11 @@ class Prediction:
     size: Size
     """(width, height) of the frames that the tracker worked on: TAP-Vid scores 256x256 and full resolution apart."""
 
+    @classmethod
+    def from_pixels(cls, tracks: npt.ArrayLike, occluded: npt.ArrayLike, width: int, height: int) -> Prediction:
+        """Answers in pixels of frames of that size, pixel centres at integers: tracks [N, T, 2], occluded [N, T]."""
+        return cls(Convention.CENTRES.to_raster(tracks, (width, height)), np.asarray(occluded), (width, height))
+
 
 def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
     """Asks the fitted model at `path` (.onnx); it may have been fitted to frames of another size than the stored."""
@@ -134,18 +139,23 @@ def _prediction(
     queries: Queries,
 ) -> Prediction:
     """Checks tracks in pixels of (width, height) `size` and brings them to the raster."""
+    check_answers(str(path), tracks, occluded, queries)
+    return Prediction(convention.to_raster(tracks, size), occluded.astype(bool), size)
+
+
+def check_answers(source: str, tracks: npt.NDArray[Any], occluded: npt.NDArray[Any], queries: Queries) -> None:
+    """Raises `PredictionError`, which names the `source`, where arrays are no finite answers to all queries."""
     expected = queries.occluded.shape
     if tracks.shape != (*expected, 2) or occluded.shape != expected:
         raise PredictionError(
-            f"{path} has tracks {list(tracks.shape)} and occluded {list(occluded.shape)} where the benchmark needs "
+            f"{source} has tracks {list(tracks.shape)} and occluded {list(occluded.shape)} where the benchmark needs "
             f"{[*expected, 2]} and {list(expected)}: query, frame, (x, y)"
         )
     if tracks.dtype.kind not in "iuf" or occluded.dtype.kind not in "biuf" or not np.isin(occluded, (0, 1)).all():
-        raise PredictionError(f"{path} must hold numbers as tracks and true or false as occluded")
+        raise PredictionError(f"{source} must hold numbers as tracks and true or false as occluded")
     lost = ~np.isfinite(tracks).all(axis=2)
     if lost.any():
         row, frame = np.argwhere(lost)[0]
         raise PredictionError(
-            f"{path} has no finite position for query {row} in frame {frame}; give a best guess also where occluded"
+            f"{source} has no finite position for query {row} in frame {frame}; give a best guess also where occluded"
         )
-    return Prediction(convention.to_raster(tracks, size), occluded.astype(bool), size)

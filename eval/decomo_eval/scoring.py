@@ -17,7 +17,7 @@ from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
 from decomo_eval.measure import score
-from decomo_eval.predictions import Prediction, from_model, from_npz
+from decomo_eval.predictions import Prediction, check_answers, from_model, from_npz
 from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, sample_queries
@@ -176,9 +176,22 @@ class _Folder:
         return absent
 
 
+@dataclass(frozen=True)
+class _Function:
+    """Answers of a function, checked as those of files are."""
+
+    name: str
+    ask: Tracker
+
+    def __call__(self, video: Video, queries: Queries) -> Prediction:
+        answer = self.ask(video, queries)
+        check_answers(f"{self.name} on video {video.name}", answer.tracks, answer.occluded, queries)
+        return Prediction(answer.tracks, answer.occluded.astype(bool), answer.size)
+
+
 def _source(
     models: str | Path | None, predictions: str | Path | None, tracker: Tracker | None
-) -> tuple[str, Tracker | _Folder]:
+) -> tuple[str, _Function | _Folder]:
     """What to call the tracker, and whom to ask."""
     if [models, predictions, tracker].count(None) != 2:
         raise EvalError(
@@ -189,7 +202,8 @@ def _source(
     if predictions is not None:
         return str(predictions), _Folder(Path(predictions), ".npz", from_npz)
     assert tracker is not None
-    return str(getattr(tracker, "name", getattr(tracker, "__name__", type(tracker).__name__))), tracker
+    name = str(getattr(tracker, "name", getattr(tracker, "__name__", type(tracker).__name__)))
+    return name, _Function(name, tracker)
 
 
 def _masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:

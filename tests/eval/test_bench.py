@@ -1,31 +1,55 @@
-"""A whole benchmark with stand-ins for decomo-train and decomo-export: what is done, redone, retried and reported."""
+"""A whole benchmark with stand-ins for decomo-train and decomo-export: what is done, redone, retried and reported.
+
+Also on a real Ray of this machine, started by the command or reached by its address.
+"""
 
 from __future__ import annotations
 
 import json
+import os
+import pickle
+import socket
+import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from decomo_eval.bench import task
 from decomo_eval.bench.cli import main
+from decomo_eval.bench.cluster import ENVIRONMENT
 
 TRAIN = """
-import os, pathlib, signal, sys
+import os, pathlib, signal, sys, time
+os.chdir("{root}")
 frames, _, run = sys.argv[1:4]
 assert sys.argv[4:6] == ["--shots", "ignore"] and "--preset" in sys.argv, sys.argv
 clip = pathlib.Path(frames).name
 assert len(list(pathlib.Path(frames).iterdir())) == 11
 calls = pathlib.Path("calls") / clip
 calls.mkdir(parents=True, exist_ok=True)
-(calls / str(len(list(calls.iterdir())))).touch()
+(calls / str(len(list(calls.iterdir())))).write_text(
+    os.environ["OMP_NUM_THREADS"] + " " + os.environ.get("CUDA_VISIBLE_DEVICES", "all")
+)
 plan = pathlib.Path("plan") / clip
-if plan.exists():
-    if plan.read_text() == "killed once":
-        plan.unlink()
-        os.kill(os.getpid(), signal.SIGKILL)
+order = plan.read_text() if plan.exists() else "works"
+if order == "killed once":
+    plan.unlink()
+    os.kill(os.getpid(), signal.SIGKILL)
+if order == "kills its worker once":
+    plan.unlink()
+    pathlib.Path("orphan").write_text(str(os.getpid()))
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(600)
+if order.startswith("waits for "):
+    for _ in range(3000):
+        if pathlib.Path("calls", order.removeprefix("waits for "), "1").exists():
+            break
+        time.sleep(0.1)
+if order == "fails":
     print("some progress\\nError: nothing moves in it")
     sys.exit(2)
 pathlib.Path(run).mkdir()
@@ -49,9 +73,33 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
     monkeypatch.chdir(tmp_path)
     Path("plan").mkdir()
     tests = Path(__file__).parents[1]
-    monkeypatch.setattr(task, "TRAIN", (sys.executable, "-c", TRAIN))
-    monkeypatch.setattr(task, "EXPORT", (sys.executable, "-c", EXPORT.format(tests=tests)))
+    train, export = TRAIN.replace("{root}", str(tmp_path)), EXPORT.replace("{tests}", str(tests))
+    monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
     return lambda *options: main([str(dataset), "--out", "out", *options])
+
+
+HEAD = """
+import ray
+about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+print(about.address_info["gcs_address"], flush=True)
+input()
+"""
+
+
+@pytest.fixture
+def ray_address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A Ray of two CPUs in a process of its own."""
+    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
+    for name, value in {**ENVIRONMENT, "RAY_AUTH_MODE": "disabled"}.items():
+        monkeypatch.setenv(name, value)
+    head = subprocess.Popen([sys.executable, "-c", HEAD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert head.stdout is not None
+    try:
+        if not (address := head.stdout.readline().strip()):
+            pytest.skip("Ray did not start within the half minute it gives itself: the machine is too busy")
+        yield address
+    finally:
+        head.communicate("\n", timeout=120)
 
 
 def calls(video: str) -> int:
@@ -104,7 +152,9 @@ def test_all_may_fail(bench: Bench) -> None:
     [
         (["--preset", "paper"], "out was made with another options; give another --out"),
         (["--videos", "up"], "has no video up"),
-        (["--engine", "ray"], "'ray' is not"),
+        (["--engine", "slurm"], "'slurm' is not"),
+        (["--address", "auto"], "--address and --gpus-per-task are for --engine ray"),
+        (["--engine", "ray", "--gpus-per-task", "1.5"], "whole GPUs, or a share of one, not 1.5"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -120,3 +170,87 @@ def test_bad_input_is_one_sentence(
 def test_names_that_are_no_files_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(task.DatasetError, match="cannot be a file's"):
         task.Task(name, tmp_path, (), 1)
+
+
+def test_cores_are_shared_out_or_given(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
+    monkeypatch.setattr(os, "cpu_count", lambda: 7)
+    assert bench("--videos", "left", "--jobs", "3") == 0
+    assert bench("--videos", "right", "--cpus-per-task", "5") == 0
+    assert (Path("calls/left/0").read_text(), Path("calls/right/0").read_text()) == ("2 0,1", "5 0,1")
+
+
+def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path, tmp_path: Path) -> None:
+    """It goes on writing where it was; the next one works in another folder, and does away with the first."""
+    from decomo_eval.dataset import read_dataset
+
+    video = read_dataset(dataset)["left"]
+    left = task.Task("left", tmp_path / "out", ("--preset", "cpu"), attempts=2)
+    left.prepare(video)
+    lost = left.folder / ".attempt-lost"
+    (lost / "run").mkdir(parents=True)
+    assert left.attempt(2, threads=1).error is None
+    assert left.model.is_file()
+    assert sorted(file.name for file in left.folder.iterdir()) == ["log.txt", "run"]
+
+
+def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:
+    outcome = task.Task("left", tmp_path / "out", (), attempts=1).attempt(1, threads=1)
+    assert "--out has to be a folder that all machines share" in str(outcome.error)
+
+
+@pytest.mark.slow
+def test_a_ray_worker_killed_in_the_middle_costs_one_attempt_of_one_video(
+    bench: Bench, dataset: Path, dataset_content: dict[str, Any]
+) -> None:
+    """Two workers, four videos; `right` runs while the worker of `left` is killed, and ends after the retry began."""
+    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
+    more = {"up": dataset_content["left"], "down": dataset_content["right"]}
+    dataset.write_bytes(pickle.dumps(dataset_content | more))
+    Path("plan/left").write_text("kills its worker once")
+    Path("plan/right").write_text("waits for left")
+    assert bench("--engine", "ray", "--address", "local", "--jobs", "2") == 0
+    expected = {"left": 2, "right": 1, "up": 1, "down": 1}
+    assert {video: calls(video) for video in expected} == expected
+    finished = json.loads(Path("out/summary.json").read_text())["finished"]
+    assert {outcome["name"]: outcome["attempts"] for outcome in finished} == expected
+    orphan = Path("/proc") / Path("orphan").read_text()
+    for _ in range(300):  # the fit of the worker that was killed
+        if not orphan.exists():
+            break
+        time.sleep(0.1)
+    assert not orphan.exists()
+
+
+@pytest.mark.slow
+def test_a_ray_reached_by_its_address(bench: Bench, ray_address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    on_ray = ("--engine", "ray", "--address", ray_address)
+    assert bench(*on_ray, "--cpus-per-task", "99") == 2
+    assert "no node of the Ray cluster has 99 CPUs and 0 GPUs; ask for less" in capsys.readouterr().err
+    Path("plan/left").write_text("kills its worker once")
+    Path("plan/right").write_text("fails")
+    assert bench(*on_ray, "--attempts", "2") == 1
+    assert (calls("left"), calls("right")) == (2, 2)
+    assert Path("calls/left/1").read_text() == "1 "  # no GPU was reserved, none is seen
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert summary["jobs"] == 2  # what has room
+    assert [outcome["name"] for outcome in summary["failed"]] == ["right"]
+    assert bench(*on_ray, "--videos", "left") == 0  # Ray is still there, and left is done
+    assert calls("left") == 2
+
+
+def test_a_silent_address_is_one_sentence(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{closed.getsockname()[1]}"
+    assert bench("--engine", "ray", "--address", address) == 2
+    assert f"Ray does not answer at {address} (" in capsys.readouterr().err
+
+
+def test_absent_ray_is_one_sentence(
+    bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert bench("--engine", "ray") == 2
+    assert "--engine ray needs Ray; run: pip install 'decomotion[ray]'" in capsys.readouterr().err

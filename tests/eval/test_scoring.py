@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,6 +104,50 @@ def test_a_function_is_a_tracker_and_is_watched(dataset: Path) -> None:
     low, high = report.interval["average_jaccard"]
     values = [metrics["average_jaccard"] for metrics in report.videos.values()]
     assert min(values) <= low < report.mean["average_jaccard"] < high <= max(values)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda tracks, occluded: (tracks[1:], occluded[1:]), "still on video left has tracks"),
+        (lambda tracks, occluded: (tracks * np.nan, occluded), "no finite position for query 0 in frame 0"),
+        (lambda tracks, occluded: (tracks, occluded + 0.3), "true or false as occluded"),
+    ],
+)
+def test_a_function_s_answers_are_checked(dataset: Path, change: Callable[..., Any], words: str) -> None:
+    def wrong(video: Any, queries: Any) -> Prediction:
+        answer = still(video, queries)
+        return Prediction(*change(answer.tracks, answer.occluded), answer.size)
+
+    wrong.__name__ = "still"
+    with pytest.raises(PredictionError, match=words):
+        evaluate(dataset, tracker=wrong)
+
+
+def test_one_video_is_in_memory_at_a_time(tmp_path: Path) -> None:
+    """Of a folder, with the report's writer looking on: six videos need what two need."""
+    from decomo_eval.report.writer import ReportWriter
+
+    size, frames = 128, 8
+    rng = np.random.default_rng(0)
+    for name in "abcdef":
+        (tmp_path / "all" / name).mkdir(parents=True)
+        for number in range(frames):
+            noise = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)  # does not compress
+            cv2.imwrite(str(tmp_path / "all" / name / f"{number}.png"), noise)
+        tracks = rng.uniform(10, 100, (400, 1, 2)) + np.zeros((1, frames, 1))
+        np.savez(tmp_path / "all" / f"{name}.npz", tracks=tracks, occluded=np.zeros((400, frames), bool))
+
+    def peak(videos: str) -> int:
+        tracemalloc.start()
+        with ReportWriter(tmp_path / "report", "strided") as writer:
+            writer.write(evaluate(tmp_path / "all", tracker=still, videos=list(videos), watch=writer.see))
+        bytes_at_most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return bytes_at_most
+
+    peak("a")  # loads what is loaded once
+    assert peak("abcdef") < 1.2 * peak("ab")
 
 
 def test_splits_are_means_over_videos_and_counts_are_added(dataset: Path, tmp_path: Path) -> None:
@@ -211,6 +257,13 @@ def test_a_tracker_s_answers_saved_as_the_page_says_score_as_the_function(datase
         tracks = np.repeat(queries[:, None, 1:], video.num_frames, axis=1)
         occluded = np.zeros(tracks.shape[:2], bool)
         np.savez(tmp_path / f"{name}.npz", queries=queries, tracks=tracks, occluded=occluded)
-    by_files, by_function = evaluate(dataset, predictions=tmp_path).mean, evaluate(dataset, tracker=still).mean
+
+    def yours(video: Any, queries: Any) -> Prediction:
+        points = queries.in_pixels(video.width, video.height)
+        tracks = np.repeat(points[:, None, 1:], video.num_frames, axis=1)
+        return Prediction.from_pixels(tracks, np.zeros(tracks.shape[:2], bool), video.width, video.height)
+
+    by_files, by_function = evaluate(dataset, predictions=tmp_path).mean, evaluate(dataset, tracker=yours).mean
     for name, value in by_function.items():
+        assert value == pytest.approx(evaluate(dataset, tracker=still).mean[name], rel=1e-4), name
         assert by_files[name] == pytest.approx(value, rel=1e-4), name  # float32 queries

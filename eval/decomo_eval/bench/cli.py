@@ -24,8 +24,17 @@ from decomotion.errors import TrainingError
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of every fit.")
 @click.option("--videos", metavar="A,B", help="These only.  [default: all]")
 @click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
-@click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="Where tasks run.")
-@click.option("--jobs", type=click.IntRange(min=1), default=1, help="Videos at a time.")
+@click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="This machine, or Ray.")
+@click.option("--address", help="Of a Ray cluster.  [default: RAY_ADDRESS, else local, a new one]")
+@click.option("--jobs", type=click.IntRange(min=1), help="Videos at a time.  [default: 1; of ray, what has room]")
+@click.option(
+    "--cpus-per-task",
+    type=click.IntRange(min=1),
+    help="Threads of each video, and CPUs that ray reserves.  [default: the cores by --jobs; of ray, 1]",
+)
+@click.option(
+    "--gpus-per-task", type=click.FloatRange(min=0), help="GPUs that ray reserves, 0.5: a share.  [default: 0]"
+)
 @click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a video before it is given up.")
 def command(
     dataset: Path,
@@ -37,24 +46,38 @@ def command(
     seed: int,
     videos: str | None,
     query_mode: str,
-    engine: str,  # noqa: ARG001  one so far; click has checked it
-    jobs: int,
+    engine: str,
+    address: str | None,
+    jobs: int | None,
+    cpus_per_task: int | None,
+    gpus_per_task: float | None,
     attempts: int,
 ) -> None:
     """Fit, export and score every video of DATASET, a TAP-Vid pickle or folder.
 
     What is finished is not done again: give the same command after an interruption, or to try failed videos once more.
     """
+    from decomo_eval.bench.cluster import RayEngine
+    from decomo_eval.bench.engine import LocalEngine
     from decomo_eval.bench.run import bench
     from decomo_eval.bench.task import command_options
 
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     options = command_options(preset, time_budget, steps, seed, overrides)
-    summary = bench(dataset, out, options, videos=names, jobs=jobs, attempts=attempts, query_mode=query_mode)
+    if engine == "ray":
+        where = RayEngine(address, cpus_per_task or 1, gpus_per_task or 0, jobs)
+    elif address is not None or gpus_per_task is not None:
+        raise click.UsageError("--address and --gpus-per-task are for --engine ray")
+    else:
+        where = LocalEngine(jobs or 1, cpus_per_task)
+    summary = bench(dataset, out, options, engine=where, videos=names, attempts=attempts, query_mode=query_mode)
     if summary.report is not None:
         cells = ", ".join(f"{column.title} {column.cell(summary.report.mean)}" for column in COLUMNS)
         click.echo(f"{query_mode}, mean over {len(summary.report.videos)} videos: {cells}")
         click.echo(f"wrote {out / 'report' / 'index.html'}")
+    if summary.hours_for is not None:
+        hours = ", ".join(f"{number} videos {hours:g} h" for number, hours in summary.hours_for.items())
+        click.echo(f"{summary.seconds_per_video:.0f} s a video, {summary.jobs} at a time: {hours}")
     click.echo(f"{len(summary.finished)} finished, {len(summary.failed)} failed; wrote {out / 'summary.json'}")
     if summary.failed:
         reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in summary.failed)

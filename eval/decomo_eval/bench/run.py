@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from decomo_eval.bench.local import run_tasks
+from decomo_eval.bench.engine import Engine, LocalEngine, run_tasks
 from decomo_eval.bench.task import Outcome, Task
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, EvalError
@@ -32,6 +32,7 @@ class Summary:
     finished: tuple[Outcome, ...]
     failed: tuple[Outcome, ...]
     jobs: int
+    """Videos at a time."""
     report: Report | None
     """None where no video is finished."""
 
@@ -41,15 +42,20 @@ class Summary:
         seconds = [sum(outcome.seconds.values()) for outcome in self.finished if outcome.seconds]
         return sum(seconds) / len(seconds) if seconds else None
 
+    @property
+    def hours_for(self) -> dict[int, float] | None:
+        """Wall hours of as many videos as `ESTIMATES` names, at that cost and with as many jobs."""
+        each = self.seconds_per_video
+        return None if each is None else {n: round(each * n / self.jobs / 3600, 2) for n in ESTIMATES}
+
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
-        each = self.seconds_per_video
         return {
             "finished": [asdict(outcome) for outcome in self.finished],
             "failed": [asdict(outcome) for outcome in self.failed],
             "jobs": self.jobs,
-            "seconds_per_video": each,
-            "hours_for": None if each is None else {n: round(each * n / self.jobs / 3600, 2) for n in ESTIMATES},
+            "seconds_per_video": self.seconds_per_video,
+            "hours_for": self.hours_for,
             "mean": None if self.report is None else self.report.to_json()["mean"],
         }
 
@@ -59,8 +65,8 @@ def bench(
     out: str | Path,
     options: Sequence[str],
     *,
+    engine: Engine | None = None,
     videos: Sequence[str] | None = None,
-    jobs: int = 1,
     attempts: int = 2,
     query_mode: str = STRIDED,
 ) -> Summary:
@@ -70,12 +76,12 @@ def bench(
         dataset: as of `evaluate`.
         out: folder of the models, the tasks, the report and the summary (`task.py`).
         options: decomo-train's, for every video.
+        engine: where tasks run; by default here, one at a time.
         videos: names; by default all.
-        jobs: videos at a time.
         attempts: how often a video is tried; then it is reported, and the others go on.
         query_mode: of the score.
 
-    Raises `EvalError` where `out` was made from another dataset or with other options.
+    Raises `EvalError` where `out` was made from another dataset or with other options, or the engine does not run.
     """
     dataset, out = Path(dataset), Path(out)
     known = read_dataset(dataset)
@@ -83,17 +89,18 @@ def bench(
     if unknown:
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
     names = list(known if videos is None else videos)
-    tasks = [Task(name, out, tuple(options), attempts) for name in names]
+    tasks = [Task(name, out.absolute(), tuple(options), attempts) for name in names]
     _claim(out, {"dataset": dataset.name, "options": list(options)})
 
     outcomes, begin = [], time.monotonic()
-    for outcome in run_tasks(tasks, known, jobs):
-        outcomes.append(outcome)
-        _log(outcome, outcomes, len(tasks), time.monotonic() - begin)
+    with (engine or LocalEngine()).start() as room:
+        for outcome in run_tasks(tasks, known, room):
+            outcomes.append(outcome)
+            _log(outcome, outcomes, len(tasks), time.monotonic() - begin)
     finished = tuple(outcome for outcome in outcomes if outcome.error is None)
     report = _score(dataset, out, [o.name for o in finished] if videos is not None else None, query_mode, finished)
     failed = tuple(outcome for outcome in outcomes if outcome.error is not None)
-    summary = Summary(finished, failed, jobs, report)
+    summary = Summary(finished, failed, room.jobs, report)
     with replacing(out / "summary.json") as temporary:
         temporary.write_text(json.dumps(summary.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return summary

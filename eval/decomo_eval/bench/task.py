@@ -5,27 +5,31 @@ OUT/models/<video>.onnx        appears when the task is finished, and only then
 OUT/videos/<video>/task.json   how it went: attempts, seconds of each stage, the error of the last attempt
 OUT/videos/<video>/log.txt     what the commands printed in the last attempt
 OUT/videos/<video>/run/        the run, as decomo-train leaves it
+
+An attempt works in a folder of its own, `.attempt-*`, and what it makes is moved to its place at the end: one that was
+given up for lost, but still runs somewhere, spoils nothing.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import platform
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
-from decomotion.errors import InputError
 from decomotion.files import replacing
 
-TRAIN = (sys.executable, "-m", "decomotion.cli")
-EXPORT = (sys.executable, "-m", "decomo_export.cli")
-"""The commands, as processes of their own: what kills one of them leaves the others alone."""
+COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
+"""Arguments of python, by stage. A stage is a process of its own: what kills one leaves the others alone."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,12 @@ class Task:
     name: str
     """Of the video."""
     out: Path
-    """The benchmark's folder."""
+    """The benchmark's folder, in full: attempts run in other folders and, on a cluster, on other machines."""
     options: tuple[str, ...]
     """Of decomo-train."""
     attempts: int
     """How often it is tried."""
+    commands: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: COMMANDS)
 
     def __post_init__(self) -> None:
         if not self.name or Path(self.name).name != self.name or self.name.startswith("."):
@@ -68,51 +73,65 @@ class Task:
         """All else."""
         return self.out / "videos" / self.name
 
-    def run(self, read: Callable[[str], Video]) -> Outcome:
-        """Fits and exports the video, unless that is done; tries again after a failure. Never raises for one.
+    @property
+    def frames(self) -> Path:
+        """The clip, until the model is there."""
+        return self.folder / "frames" / self.name
+
+    def prepare(self, video: Video) -> None:
+        """Writes what an attempt reads. Raises `DatasetError` where a frame does not decode."""
+        write_frames(video, self.frames)
+
+    def attempt(self, number: int, threads: int) -> Outcome:
+        """Fits and exports the video. A command that fails is an outcome, not an exception.
 
         Args:
-            read: gives the video by its name.
+            number: of the attempt, from 1.
+            threads: of OpenMP, and so of torch.
         """
-        if self.model.is_file():
-            return self._finished_before()
-        outcome = Outcome(self.name, 0, {}, "not tried")
-        for attempt in range(1, self.attempts + 1):
-            outcome = self._attempt(attempt, read)
-            with replacing(self.folder / "task.json") as temporary:
-                temporary.write_text(json.dumps(asdict(outcome), indent=2) + "\n", encoding="utf-8")
-            if outcome.error is None:
-                break
-        return outcome
+        if not self.frames.is_dir():
+            where = f"{self.frames} is not there on {platform.node()}"
+            return Outcome(self.name, number, {}, f"{where}; --out has to be a folder that all machines share")
+        for left in self.folder.glob(".attempt-*"):  # what the last attempt prepared is in the cache
+            shutil.rmtree(left, ignore_errors=True)
+        here = self.folder / f".attempt-{uuid.uuid4().hex[:8]}"
+        here.mkdir()
+        run, model = here / "run", here / f"{self.name}.onnx"
+        arguments = {
+            "train": (str(self.frames), "--out", str(run), "--shots", "ignore", *self.options),
+            "export": (str(model), "--run", str(run)),
+        }
+        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads)}
+        with open(self.folder / "log.txt", "wb") as log:
+            for stage, command in self.commands.items():
+                begin, line = time.monotonic(), [sys.executable, *command, *arguments[stage]]
+                code = subprocess.run(line, stdout=log, stderr=log, env=environment, check=False).returncode
+                seconds[stage] = round(time.monotonic() - begin, 1)
+                if code:
+                    return Outcome(self.name, number, seconds, self._why(stage, code))
+        self._keep(run, model)
+        return Outcome(self.name, number, seconds, None)
 
-    def _finished_before(self) -> Outcome:
+    def record(self, outcome: Outcome) -> None:
+        """Writes `task.json`."""
+        with replacing(self.folder / "task.json") as temporary:
+            temporary.write_text(json.dumps(asdict(outcome), indent=2) + "\n", encoding="utf-8")
+
+    def finished_before(self) -> Outcome | None:
+        """How it went in an earlier run, where the model is there."""
+        if not self.model.is_file():
+            return None
         report = self.folder / "task.json"
         known = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
         return Outcome(self.name, 0, known.get("seconds", {}), None)
 
-    def _attempt(self, attempt: int, read: Callable[[str], Video]) -> Outcome:
-        run, frames, seconds = self.folder / "run", self.folder / "frames" / self.name, {}
-        shutil.rmtree(run, ignore_errors=True)  # of an attempt that was cut off; what it prepared is in the cache
-        try:
-            write_frames(read(self.name), frames)
-        except InputError as error:
-            return Outcome(self.name, attempt, {}, str(error))
-        partial = self.folder / f".{self.name}.partial.onnx"
-        stages = {
-            "train": [*TRAIN, str(frames), "--out", str(run), "--shots", "ignore", *self.options],
-            "export": [*EXPORT, str(partial), "--run", str(run)],
-        }
-        with open(self.folder / "log.txt", "wb") as log:
-            for stage, command in stages.items():
-                begin = time.monotonic()
-                code = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, check=False).returncode
-                seconds[stage] = round(time.monotonic() - begin, 1)
-                if code:
-                    return Outcome(self.name, attempt, seconds, self._why(stage, code))
-        shutil.rmtree(self.folder / "frames")
+    def _keep(self, run: Path, model: Path) -> None:
+        shutil.rmtree(self.folder / "run", ignore_errors=True)
+        run.replace(self.folder / "run")
         self.model.parent.mkdir(parents=True, exist_ok=True)
-        partial.replace(self.model)
-        return Outcome(self.name, attempt, seconds, None)
+        model.replace(self.model)
+        shutil.rmtree(model.parent)
+        shutil.rmtree(self.frames.parent)
 
     def _why(self, stage: str, code: int) -> str:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"

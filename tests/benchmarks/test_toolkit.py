@@ -1,0 +1,115 @@
+"""The programs behind the figures of `decomo-eval` and `decomo-bench`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import accuracy
+import baselines
+import development
+import scoring
+import workers
+from decomo_eval.bench import task
+from decomotion.console import run
+from decomotion.errors import TrainingError
+from tiny_fit import sliding_square, write_truth
+
+OFFICIAL = """
+import tensorflow_that_is_not_installed
+def compute_tapvid_metrics(
+    query_points: np.ndarray, gt_occluded, gt_tracks, pred_occluded, pred_tracks, query_mode: str
+) -> Mapping[str, np.ndarray]:
+    assert query_mode == 'strided'
+    counted = np.arange(gt_occluded.shape[2]) != query_points[..., :1]
+    return {'occlusion_accuracy': np.sum((pred_occluded == gt_occluded) & counted, (1, 2)) / np.sum(counted, (1, 2))}
+"""
+
+
+def test_scoring_is_timed_against_a_function_of_a_file_whose_libraries_are_absent(tmp_path: Path):
+    source, record = tmp_path / "official.py", tmp_path / "record.json"
+    source.write_text(OFFICIAL)
+    size = ["--videos", "2", "--queries", "20", "--frames", "6"]
+    assert run(scoring.main, [str(source), *size, "--json", str(record)]) == 0
+    written = json.loads(record.read_text())
+    assert written["times_as_fast"] == pytest.approx(written["official_seconds"] / written["seconds"], rel=0.1)
+    source.write_text(OFFICIAL.replace("==", "!="))  # other numbers are no comparison
+    with pytest.raises(AssertionError):
+        run(scoring.main, [str(source), *size])
+    source.write_text("import numpy")
+    assert run(scoring.main, [str(source)]) == 2
+
+
+def record(row: str, clip: str, aj: float) -> dict[str, Any]:
+    metrics = {mode: {"average_jaccard": aj, "average_pts_within_thresh": aj} for mode in ("strided", "first")}
+    about = {
+        "date": "2026-01-02",
+        "commit": "0123abc",
+        "machine": {"cores": 2, "processor": "some"},
+        "stages": {},
+        "splits": {},
+    }
+    return {"row": row, "clip": clip, "seed": 0, "metrics": metrics, **about}
+
+
+def test_the_full_table_is_of_both_programs_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Their own options, as they take them; their work is tested elsewhere."""
+    shared, out, asked = tmp_path / "shared", tmp_path / "results", []
+    for name in (development.MASKS, development.WEIGHTS):
+        (shared / name).parent.mkdir(parents=True, exist_ok=True)
+        (shared / name).touch()
+
+    def fit(**options: Any) -> None:
+        asked.append(options)
+        (options["out"] / "cpu").mkdir(parents=True)
+        (options["out"] / "cpu" / "goat.json").write_text(json.dumps(record("cpu", "goat", 0.75)))
+        raise TrainingError("one of the fits failed")
+
+    def flow(**options: Any) -> None:
+        asked.append(options)
+        for method in options["methods"].split(","):
+            row = options["out"] / f"{method}-{options['flows']}"
+            row.mkdir(parents=True)
+            (row / "goat.json").write_text(json.dumps(record(row.name, "goat", 0.5)))
+
+    monkeypatch.setattr(accuracy.main, "callback", fit)
+    monkeypatch.setattr(baselines.main, "callback", flow)
+    command = [str(shared), "--clips", "goat", "--out", str(out)]
+    assert run(development.main, command) == 1  # and the table is there
+    assert [options["flows"] for options in asked[:2]] == ["dis", "raft-small"]
+    assert asked[2]["presets"] == ("cpu", "omnimotion")
+    assert {options["clips"] for options in asked} == {"goat"}
+    rows = (out / "development.md").read_text()
+    for row in ("cpu", "chained-dis", "direct-dis", "linked-dis", "chained-raft-small", "linked-raft-small"):
+        assert f"| {row} | 1 | " in rows
+    assert "| cpu | 1 | 75.0 | 75.0 |" in rows
+    assert "| +25.0 |" in rows
+
+    asked.clear()
+    (out / "development.md").unlink()
+    assert run(development.main, [*command, "--only", "table"]) == 0
+    assert not asked
+    assert (out / "development.md").read_text() == rows
+
+
+def test_workers_are_compared_on_the_same_videos(tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A fit that is copied, and an export that is drawn up: what is counted and compared is real."""
+    train = f"import shutil, sys; shutil.copytree({str(tiny_run)!r}, sys.argv[3])"
+    export = f"""
+import pathlib, sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+from tiny_model import write_tiny_model
+write_tiny_model(pathlib.Path(sys.argv[1]), num_frames=8, width=32, height=32, clip_name="sliding")
+"""
+    monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
+    monkeypatch.setenv("DECOMO_CACHE", "")  # so that it is put back
+    truth = write_truth(sliding_square(), tmp_path / "truth.pkl")
+    assert run(workers.main, [str(truth), "--time-budget", "2s", "--json", str(tmp_path / "record.json")]) == 0
+    written = json.loads((tmp_path / "record.json").read_text())
+    one, two = written["workers"]["1"], written["workers"]["2"]
+    assert (one["videos"], one["steps_per_video"], written["steps_share"]) == (1, 20, 1)
+    assert one["mean"] == two["mean"]
+    assert written["speed_up"] == pytest.approx(one["seconds"] / two["seconds"], rel=0.2, abs=0.01)
