@@ -201,6 +201,7 @@ def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of a Ray that could not start
 def test_a_ray_worker_killed_in_the_middle_costs_one_attempt_of_one_video(
     bench: Bench, dataset: Path, dataset_content: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
