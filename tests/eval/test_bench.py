@@ -78,6 +78,7 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
     return lambda *options: main([str(dataset), "--out", "out", *options])
 
 
+TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
 HEAD = """
 import ray
 about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
@@ -96,7 +97,7 @@ def ray_address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     assert head.stdout is not None
     try:
         if not (address := head.stdout.readline().strip()):
-            pytest.skip("Ray did not start within the half minute it gives itself: the machine is too busy")
+            pytest.skip(TOO_BUSY)
         yield address
     finally:
         head.communicate("\n", timeout=120)
@@ -200,8 +201,9 @@ def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of a Ray that could not start
 def test_a_ray_worker_killed_in_the_middle_costs_one_attempt_of_one_video(
-    bench: Bench, dataset: Path, dataset_content: dict[str, Any]
+    bench: Bench, dataset: Path, dataset_content: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two workers, four videos; `right` runs while the worker of `left` is killed, and ends after the retry began."""
     pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
@@ -209,7 +211,10 @@ def test_a_ray_worker_killed_in_the_middle_costs_one_attempt_of_one_video(
     dataset.write_bytes(pickle.dumps(dataset_content | more))
     Path("plan/left").write_text("kills its worker once")
     Path("plan/right").write_text("waits for left")
-    assert bench("--engine", "ray", "--address", "local", "--jobs", "2") == 0
+    code = bench("--engine", "ray", "--address", "local", "--jobs", "2")
+    if "timed out during startup" in capsys.readouterr().err:
+        pytest.skip(TOO_BUSY)
+    assert code == 0
     expected = {"left": 2, "right": 1, "up": 1, "down": 1}
     assert {video: calls(video) for video in expected} == expected
     finished = json.loads(Path("out/summary.json").read_text())["finished"]
