@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -63,7 +63,6 @@ class Tracker:
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._session = open_session(self.path, providers, threads)
         self.facts = read_facts(self._session, self.path)
-        self._on_demand = contract.APPEARANCE in {port.name for port in self._session.get_overridable_initializers()}
 
     @property
     def clip_name(self) -> str:
@@ -180,10 +179,7 @@ class Tracker:
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]
     ) -> list[npt.NDArray[np.float32]]:
-        asked: dict[str, npt.NDArray[Any]] = {contract.QUERIES: queries, contract.FRAMES: frames}
-        if self._on_demand:
-            asked[contract.APPEARANCE] = np.array(contract.RGB in outputs)
-        answer = self._session.run(list(outputs), asked)
+        answer = self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
         return cast("list[npt.NDArray[np.float32]]", answer)
 
     def __reduce__(self) -> tuple[object, ...]:
