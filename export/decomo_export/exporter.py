@@ -81,6 +81,7 @@ def export(
         )
     compute_on_demand(proto)
     _name_axes(proto)
+    proto.ir_version = contract.IR_VERSION
     onnx.helper.set_model_props(proto, _metadata(loaded, graph, precision, differs))
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:

@@ -21,7 +21,8 @@ from __future__ import annotations
 FORMAT_VERSION = 1
 """Raised whenever a runtime of the former version would misread the file."""
 
-OPSET = 18
+OPSET, IR_VERSION = 18, 8
+"""Of ONNX 1.13; the oldest onnxruntime that the package declares reads up to opset 21 and IR version 10."""
 
 QUERIES, FRAMES = "queries", "frames"
 INPUTS = (QUERIES, FRAMES)

@@ -19,7 +19,6 @@ from decomo_runtime import contract
 from decomo_runtime.chunks import frame_chunks, query_chunks
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
-from decomo_runtime.rendering import render
 from decomo_runtime.tracks import Tracks
 
 
@@ -174,6 +173,8 @@ class Tracker:
 
         `layer` is one of `fused`, `static`, `dynamic` ([H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
         """
+        from decomo_runtime.rendering import render  # here, as tracking does without OpenCV
+
         return render(self, frame, [layer], long_side=long_side)[0]
 
     def _ask(
