@@ -57,7 +57,7 @@ class Rendered(nn.Module):
 
 
 class BakedSurfaces(nn.Module):
-    """Surfaces from a table of codes, int16 [frame, row, column, channel]; see the module's docstring.
+    """Surfaces from a table of codes, int16 [row, column, frame, channel]; see the module's docstring.
 
     Args:
         model: what is rendered into the table.
@@ -73,7 +73,7 @@ class BakedSurfaces(nn.Module):
     def __init__(self, model: FrozenModel, *, canonical: bool) -> None:
         super().__init__()
         self.model, self.holds_canonical = model, canonical
-        self.raster = Raster(*raster_size(model.plane))
+        self.raster = Raster(model.num_frames, *raster_size(model.plane))
         scale = torch.tensor([[self.raster.width / model.plane.width], [self.raster.height / model.plane.height]])
         self.register_buffer("scale", scale, persistent=False)
         self.register_buffer("offset", scale / 2 - 0.5, persistent=False)
@@ -82,15 +82,16 @@ class BakedSurfaces(nn.Module):
 
     def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Surface:
         """The surface at pixels `xy` of each point's `frame`."""
-        row, within = self.raster(xy * self.scale + self.offset)
+        row, within = self.raster(xy * self.scale + self.offset, frame)
         right, down = within.split(1)
         across = torch.cat([1 - right, right])
         weights = torch.cat([across * (1 - down), across * down])
-        corners = self._rows().index_select(0, row + frame * self.raster.cells)
+        corners = self._rows().index_select(0, row)
         codes = (corners.to(torch.float32).T + 0.5).unflatten(0, (4, -1))  # sign: owner; magnitude: code and a half
         signed = weights[:, None] * codes
         total, magnitude = signed.sum(0), signed.abs().sum(0)
-        balance = (weights * codes[:, 0].sign()).sum(0)  # static weight less dynamic weight
+        owners = codes[:, 0].clamp(-0.5, 0.5)  # half of their sign
+        balance = 2 * (weights * owners).sum(0)  # static weight less dynamic weight
         is_static = balance >= 0
         owner = torch.where(is_static, 1.0, -1.0)
         return Surface((magnitude + owner * total) / (1 + owner * balance), is_static)
@@ -109,8 +110,8 @@ class BakedSurfaces(nn.Module):
 
     def _rows(self) -> Int[Tensor, "cell corner_channel"]:
         """A row for each cell: its corners, row by row; a runtime computes them, once, when it loads."""
-        upper, lower = self.codes[:, :-1], self.codes[:, 1:]
-        corners = torch.cat([upper[:, :, :-1], upper[:, :, 1:], lower[:, :, :-1], lower[:, :, 1:]], dim=-1)
+        upper, lower = self.codes[:-1], self.codes[1:]
+        corners = torch.cat([upper[:, :-1], upper[:, 1:], lower[:, :-1], lower[:, 1:]], dim=-1)
         return corners.flatten(0, 2)
 
     def _render(self) -> tuple[Float[Tensor, "channel point"], Bool[Tensor, " point"]]:
@@ -157,8 +158,8 @@ class BakedSurfaces(nn.Module):
             lowest[int(owner)], step[int(owner)] = low - apart / 2, apart  # `forward` finds codes and a half
             code = ((mine - low) / apart).round().clamp(0.0, LEVELS - 1.0)
             codes[:, of_owner] = code if owner else -1 - code
-        shape = (self.model.num_frames, self.raster.height, self.raster.width, channels)
-        self.register_buffer("codes", codes.to(torch.int16).T.reshape(shape).contiguous(), persistent=False)
+        table = codes.to(torch.int16).T.reshape(-1, self.raster.height, self.raster.width, channels)
+        self.register_buffer("codes", table.permute(1, 2, 0, 3).contiguous(), persistent=False)
         self.register_buffer("lowest", lowest, persistent=False)
         self.register_buffer("step", step, persistent=False)
 

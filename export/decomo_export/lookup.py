@@ -12,30 +12,38 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+EXACT = 2**24
+"""Below it, a float32 holds every whole number."""
+
 
 class Raster(nn.Module):
-    """Where points fall on a raster of `height` x `width` samples, at least 2 each.
+    """Where points fall on the rasters of `frames` frames, of `height` x `width` samples each, at least 2 x 2.
 
-    Asked in samples, (column, row). What lies beyond the border is moved onto it.
+    Asked in samples, (column, row). What lies beyond the border is moved onto it. Cells are numbered row by row, each
+    frame by frame: a point that hardly moves meets neighbours.
     """
 
     last: Tensor
     stride: Tensor
 
-    def __init__(self, height: int, width: int) -> None:
+    def __init__(self, frames: int, height: int, width: int) -> None:
         super().__init__()
         self.height, self.width = height, width
-        self.cells = (height - 1) * (width - 1)
         # the largest numbers below the last sample's: rounded down, they give the last cell
         last = np.nextafter(np.array([[width - 1], [height - 1]], np.float32), np.float32(0))
         self.register_buffer("last", torch.from_numpy(last), persistent=False)
-        self.register_buffer("stride", torch.tensor([1.0, width - 1.0]), persistent=False)
+        numbers = torch.float32 if frames * height * width < EXACT else torch.float64
+        stride = torch.tensor([frames, frames * (width - 1)], dtype=numbers)
+        self.register_buffer("stride", stride, persistent=False)
 
-    def forward(self, place: Float[Tensor, "2 point"]) -> tuple[Int[Tensor, " point"], Float[Tensor, "2 point"]]:
-        """The number of each point's cell, row by row, and the point's place in the cell, 0 to 1."""
+    def forward(
+        self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None
+    ) -> tuple[Int[Tensor, " point"], Float[Tensor, "2 point"]]:
+        """The number of each point's cell in its `frame`, None: the only one, and its place in the cell, 0 to 1."""
         inside = torch.minimum(place.clamp_min(0.0), self.last)
         cell = inside.floor()
-        return (self.stride @ cell).to(torch.int64), inside - cell
+        number = (self.stride @ cell.to(self.stride.dtype)).to(torch.int64)
+        return number if frame is None else number + frame, inside - cell
 
 
 class CellGrid(nn.Module):
@@ -54,18 +62,16 @@ class CellGrid(nn.Module):
         super().__init__()
         height, width = grids.shape[-2:]
         self.channels = grids.shape[1]
-        self.raster = Raster(height, width)
+        self.raster = Raster(len(grids), height, width)
         self.offset = torch.tensor([width - 1.0, height - 1.0], dtype=torch.float64) / 2
         self.scale = self.offset / reach.double()
-        self.register_buffer("grids", grids.permute(0, 2, 3, 1).contiguous(), persistent=False)
+        self.register_buffer("grids", grids.permute(2, 3, 0, 1).contiguous(), persistent=False)
 
     def forward(
         self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None = None
     ) -> Float[Tensor, "channel point"]:
         """The values at `place`, in samples, each point in the grid of its `frame`; None: there is one grid for all."""
-        row, within = self.raster(place)
-        if frame is not None:
-            row = row + frame * self.raster.cells
+        row, within = self.raster(place, frame)
         right, down = within.split(1)
         start, slope = self._rows().index_select(0, row).T.chunk(2)
         value, descent = (start + right * slope).chunk(2)
@@ -76,7 +82,7 @@ class CellGrid(nn.Module):
 
         A runtime computes them from the grids, once, when it loads.
         """
-        upper, lower = self.grids[:, :-1], self.grids[:, 1:]
+        upper, lower = self.grids[:-1], self.grids[1:]
         columns = torch.cat([upper, lower - upper], dim=-1)
-        left, right = columns[:, :, :-1], columns[:, :, 1:]
+        left, right = columns[:, :-1], columns[:, 1:]
         return torch.cat([left, right - left], dim=-1).reshape(-1, 4 * self.channels)

@@ -80,7 +80,7 @@ def test_between_two_owners_only_one_is_averaged():
     is_static = depth[0] < 1
     surfaces._encode(depth.flatten(1), is_static.flatten())
     assert surfaces.codes.dtype == torch.int16
-    assert ((surfaces.codes[..., 0] >= 0) == is_static).all()
+    assert ((surfaces.codes[..., 0].permute(2, 0, 1) >= 0) == is_static).all()
     assert surfaces.codes.to(torch.int64).abs().min() > LEVELS // 8
     x = torch.tensor([3.25, 15.2, 15.8, 20.0])
     given = surfaces(torch.stack([x, torch.full((4,), 7.5)]), torch.zeros(4, dtype=torch.int64))
