@@ -129,13 +129,11 @@ class FrozenModel(nn.Module):
     def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
         """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""
         wanted = torch.ones_like(is_static) if wanted is None else wanted
-        if self.static is None or self.dynamic is None:
-            owned = [(self.static or self.dynamic, self.static is not None, wanted)]
-        else:
-            owned = [(self.static, True, is_static & wanted), (self.dynamic, False, ~is_static & wanted)]
+        alone = self.static is None or self.dynamic is None
         first = torch.zeros(1, dtype=torch.int64)
         parts = []
-        for volume, static, mine in owned:
-            place = torch.nonzero(mine)[:, 0]
-            parts.append(Part(volume, static, place, torch.cat([place, first])))
+        for volume, static, owned in ((self.static, True, is_static), (self.dynamic, False, ~is_static)):
+            if volume is not None:
+                place = torch.nonzero(wanted if alone else owned & wanted)[:, 0]
+                parts.append(Part(volume, static, place, torch.cat([place, first])))
         return parts
