@@ -44,8 +44,10 @@ class Export:
             return [value.numpy() for value in self.graph(torch.from_numpy(queries), torch.from_numpy(frames))]
 
     def ask_file(self, queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]) -> list[npt.NDArray]:
-        answers = self.session.run(list(contract.OUTPUTS), {contract.QUERIES: queries, contract.FRAMES: frames})
-        return [np.asarray(answer) for answer in answers]
+        """Tracks and occlusion in `frames`, then the appearance."""
+        no_frames = {contract.QUERIES: queries, contract.FRAMES: frames[:0]}
+        tracks = self.session.run(list(contract.OUTPUTS[:2]), {contract.QUERIES: queries, contract.FRAMES: frames})
+        return [np.asarray(answer) for answer in (*tracks, *self.session.run(list(contract.OUTPUTS[2:]), no_frames))]
 
     def proto(self) -> onnx.ModelProto:
         return onnx.load(self.path)

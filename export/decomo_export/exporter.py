@@ -81,6 +81,7 @@ def export(
         )
     compute_on_demand(proto)
     _name_axes(proto)
+    proto.ir_version = contract.IR_VERSION
     onnx.helper.set_model_props(proto, _metadata(loaded, graph, precision, differs))
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:
@@ -117,13 +118,16 @@ def _trace(graph: QueryGraph) -> onnx.ModelProto:
 def _tidy(model: onnx_ir.Model) -> onnx.ModelProto:
     """Constants folded, nothing twice, nothing unused: what onnxscript's optimiser does in a twentieth of its time.
 
-    Look-up tables are left as they are: a runtime unfolds them when it loads.
+    What the tracer notes at each node, a third of the file with paths of this machine in it, is dropped. Look-up tables
+    are left as they are: a runtime unfolds them when it loads.
     """
     onnxscript.optimizer.fold_constants(model)
     passes = (
         onnx_ir.passes.common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0),
+        onnx_ir.passes.common.DeduplicateInitializersPass(),
         onnx_ir.passes.common.CommonSubexpressionEliminationPass(),
         onnx_ir.passes.common.RemoveUnusedNodesPass(),
+        onnx_ir.passes.common.ClearMetadataAndDocStringPass(),
     )
     for each in passes:
         each(model)
@@ -134,8 +138,6 @@ def _name_axes(proto: onnx.ModelProto) -> None:
     """The dynamic axes by the names of the contract: N queries, M frames."""
     axes = {value.name: value.type.tensor_type.shape.dim for value in (*proto.graph.input, *proto.graph.output)}
     for name, dims in axes.items():
-        if name == contract.APPEARANCE:
-            continue
         dims[0].dim_param = "M" if name == contract.FRAMES else "N"
         if name in (contract.TRACKS, contract.OCCLUSION):
             dims[1].dim_param = "M"

@@ -1,8 +1,9 @@
 """A fitted model, frozen: the same maps and fields as `decomotion.model`, in the form that answers fastest.
 
 All that depends on the frame alone is computed here, once, and becomes a constant: affine maps from pixels to the first
-coupling layer's own axes, and each layer's grid for each frame. Points are columns, [3, point], and each has its frame.
-Between layers they stay in the layers' axes: one product turns them from one layer's to the next one's.
+coupling layer's own coordinates, and each layer's grid for each frame. Points are columns, [3, point], and each has its
+frame. Between layers they stay in the layers' coordinates, the plane in samples of the layer's grid: one product leads
+from one layer's to the next one's.
 """
 
 from __future__ import annotations
@@ -45,82 +46,110 @@ class FrozenVolume(nn.Module):
     def __init__(self, volume: Volume, conditioning: Conditioning, plane: ImagePlane) -> None:
         super().__init__()
         layers = cast(list[CouplingLayer], list(volume.couplings))
-        bases = [layer.basis.double() for layer in layers] or [torch.eye(3, dtype=torch.float64)]
-        self._affine(conditioning.affine.double(), bases[0], plane)
-        turns = [*(after @ before.T for before, after in pairwise(bases)), bases[-1].T]
-        for index, turn in enumerate(turns):
-            self.register_buffer(f"turn_{index}", turn.float(), persistent=False)
-        self.couplings = nn.ModuleList(
-            _freeze_coupling(layer, rows) for layer, rows in zip(layers, conditioning.couplings, strict=True)
-        )
+        frozen = [_freeze_coupling(layer, rows) for layer, rows in zip(layers, conditioning.couplings, strict=True)]
+        self.couplings = nn.ModuleList(frozen)
+        axes = [_axes(layer, coupling) for layer, coupling in zip(layers, frozen, strict=True)]
+        canonical = torch.eye(4, dtype=torch.float64)
+        self._affine(conditioning.affine.double(), axes[0] if axes else canonical, plane)
+        for index, (before, after) in enumerate(pairwise([*axes, canonical] if axes else [])):
+            forward = after @ torch.linalg.inv(before)
+            for name, matrix in (("turn", forward), ("back", torch.linalg.inv(forward))):
+                self.register_buffer(f"{name}_{index}", matrix[:3, :3].float(), persistent=False)
+                self.register_buffer(f"{name}_offset_{index}", matrix[:3, 3:].float(), persistent=False)
         self.field = FrozenGridField(volume.field) if isinstance(volume.field, GridField) else ByRows(volume.field)
         self.volume = volume
 
-    def _affine(self, maps: Tensor, basis: Tensor, plane: ImagePlane) -> None:
-        """`to_first` [frame, 12]: (x, y in pixels, pseudo-depth) to the first layer's axes; `from_first`: back."""
+    def _affine(self, maps: Tensor, axes: Float[Tensor, "4 4"], plane: ImagePlane) -> None:
+        """`to_first` [frame, 12]: (x, y in pixels, pseudo-depth) to the first layer's coordinates; `from_first`: back.
+
+        Column by column: what x, y and depth are multiplied by, then what is added.
+        """
         scale = plane.pixels_per_unit
-        size = maps.new_tensor([1 / scale, 1 / scale, 1.0])
-        origin = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
-        matrix, offset, inverse, inverse_offset = maps.split([3, 1, 3, 1], dim=-1)
-        forward = torch.cat([basis @ matrix * size, basis @ (matrix @ origin[:, None] + offset)], dim=-1)
-        backward = torch.cat([inverse @ basis.T, inverse_offset - origin[:, None]], dim=-1) / size[:, None]
-        self.register_buffer("to_first", forward.flatten(1).float(), persistent=False)
-        self.register_buffer("from_first", backward[:, :2].flatten(1).float(), persistent=False)
+        normalise = torch.diag(maps.new_tensor([1 / scale, 1 / scale, 1.0, 1.0]))
+        normalise[:3, 3] = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
+        bottom = maps.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(maps), 1, 4)
+        forward, inverse = (torch.cat([part, bottom], dim=1) for part in maps.split(4, dim=-1))
+        to_first = axes @ forward @ normalise
+        from_first = torch.linalg.inv(normalise) @ inverse @ torch.linalg.inv(axes)
+        self.register_buffer("to_first", to_first[:, :3].mT.flatten(1).float(), persistent=False)
+        self.register_buffer("from_first", from_first[:, :2].mT.flatten(1).float(), persistent=False)
 
     def to_canonical(
-        self, xy: Float[Tensor, "2 point"], depth: Float[Tensor, " point"], frame: Int[Tensor, " point"]
-    ) -> Float[Tensor, "3 point"]:
-        """Canonical positions of points at pixels `xy` and pseudo-depth `depth` of their frames."""
-        maps = self.to_first.index_select(0, frame).T.unflatten(0, (3, 4))
-        turned = maps[:, 0] * xy[0] + maps[:, 1] * xy[1] + maps[:, 2] * depth + maps[:, 3]
+        self, xy: Float[Tensor, "2 point"], depth: Float[Tensor, "_ sample"], frame: Int[Tensor, " point"]
+    ) -> Float[Tensor, "3 point_sample"]:
+        """Canonical positions of points at pixels `xy` of their frames, at pseudo-depths of their own, or of all."""
+        x, y = xy.split(1)
+        by_x, by_y, by_depth, added = self.to_first.index_select(0, frame).T.chunk(4)
+        nearest = by_x * x + by_y * y + added
+        turned = (by_depth[:, :, None] * depth + nearest[:, :, None]).flatten(1)
+        frames = frame[:, None].expand(-1, depth.shape[1]).flatten()
         for index, layer in enumerate(self.couplings):
-            log_scale, shift = layer(turned[:2], frame)
-            moved = turned[2:] * torch.exp(log_scale) + shift
-            turned = self.get_buffer(f"turn_{index}") @ torch.cat([turned[:2], moved])
+            place, along = turned.split([2, 1])
+            log_scale, shift = layer(place, frames)
+            moved = torch.cat([place, along * torch.exp(log_scale) + shift])
+            turned = torch.addmm(self.get_buffer(f"turn_offset_{index}"), self.get_buffer(f"turn_{index}"), moved)
         return turned
 
     def to_pixels(self, canonical: Float[Tensor, "3 point"], frame: Int[Tensor, " point"]) -> Float[Tensor, "2 point"]:
         """Pixels of the points' frames at which canonical positions are: the inverse of `to_canonical`."""
         turned = canonical
         for index in reversed(range(len(self.couplings))):
-            turned = self.get_buffer(f"turn_{index}").T @ turned
-            log_scale, shift = self.couplings[index](turned[:2], frame)
-            turned = torch.cat([turned[:2], (turned[2:] - shift) * torch.exp(-log_scale)])
-        maps = self.from_first.index_select(0, frame).T.unflatten(0, (2, 4))
-        return maps[:, 0] * turned[0] + maps[:, 1] * turned[1] + maps[:, 2] * turned[2] + maps[:, 3]
+            moved = torch.addmm(self.get_buffer(f"back_offset_{index}"), self.get_buffer(f"back_{index}"), turned)
+            place, along = moved.split([2, 1])
+            log_scale, shift = self.couplings[index](place, frame)
+            turned = torch.cat([place, (along - shift) / torch.exp(log_scale)])
+        x, y, depth = turned.split(1)
+        by_x, by_y, by_depth, added = self.from_first.index_select(0, frame).T.chunk(4)
+        return by_x * x + by_y * y + by_depth * depth + added
 
     def matter(self, canonical: Float[Tensor, "3 point"]) -> Matter:
         """What is found at canonical positions."""
         head = self.volume.head
-        raw = head.weight @ self.field(canonical) + head.bias[:, None]
+        raw = torch.addmm(head.bias[:, None], head.weight, self.field(canonical))
         density = raw[3] + self.volume.surface_prior(canonical[2])
         return Matter(F.softplus(density), torch.sigmoid(raw[:3]), torch.sigmoid(raw[4]))
 
 
-def _freeze_coupling(layer: CouplingLayer, rows: Tensor) -> nn.Module:
+def _freeze_coupling(layer: CouplingLayer, rows: Tensor) -> FrozenGrid | FrozenNetwork:
     conditioner = layer.conditioner
     if isinstance(conditioner, GridConditioner):
         return FrozenGrid(rows, conditioner.reach)
     return FrozenNetwork(conditioner, rows)
 
 
+def _axes(layer: CouplingLayer, frozen: FrozenGrid | FrozenNetwork) -> Float[Tensor, "4 4"]:
+    """From canonical coordinates to the layer's own, homogeneous."""
+    axes = torch.eye(4, dtype=torch.float64)
+    axes[:3, :3] = layer.basis.double()
+    axes[:2] *= frozen.scale[:, None]
+    axes[:2, 3] = frozen.offset
+    return axes
+
+
 class FrozenGrid(nn.Module):
-    """A coupling layer's log-scale and shift from the grids of all frames."""
+    """A coupling layer's log-scale and shift from the grids of all frames.
+
+    `scale` and `offset` [2] lead from the layer's plane to the coordinates in which it is asked.
+    """
 
     def __init__(self, rows: Float[Tensor, "frame 2 height width"], reach: Float[Tensor, "2"]) -> None:
         super().__init__()
         self.grid = CellGrid(rows, reach)
+        self.scale, self.offset = self.grid.scale, self.grid.offset
 
     def forward(
-        self, plane: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]
+        self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]
     ) -> tuple[Float[Tensor, "1 point"], Float[Tensor, "1 point"]]:
-        """Log-scale and shift at places in the layer's plane."""
-        log_scale, shift = self.grid(plane, frame).chunk(2)
+        """Log-scale and shift at such places."""
+        log_scale, shift = self.grid(place, frame).split(1)
         return log_scale, shift
 
 
 class FrozenNetwork(nn.Module):
-    """A coupling layer's log-scale and shift from its network, the codes' part of all frames computed."""
+    """A coupling layer's log-scale and shift from its network, the codes' part of all frames computed.
+
+    It is asked in the layer's plane itself.
+    """
 
     rows: Tensor
 
@@ -128,6 +157,7 @@ class FrozenNetwork(nn.Module):
         super().__init__()
         self.conditioner = conditioner
         self.register_buffer("rows", rows, persistent=False)
+        self.scale, self.offset = torch.ones(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
 
     def forward(
         self, plane: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]
@@ -140,24 +170,30 @@ class FrozenNetwork(nn.Module):
 class FrozenGridField(nn.Module):
     """`GridField` with its planes in the form of look-ups."""
 
-    reach: Tensor
+    matrix: Tensor
+    offset: Tensor
 
     def __init__(self, field: GridField) -> None:
         super().__init__()
-        one = torch.ones(2)
-        self.image_planes = nn.ModuleList(CellGrid(plane.detach(), one) for plane in field.image_planes)
-        self.depth_planes = nn.ModuleList(CellGrid(plane[None].detach(), one) for plane in field.depth_planes)
+        one, unit = torch.ones(2), torch.diag(1 / field.reach.double())
+        image = [CellGrid(plane.detach(), one) for plane in field.image_planes]
+        depth = [CellGrid(plane[None].detach(), one) for plane in field.depth_planes]
+        axes = [unit[:2]] * len(image) + [unit[axis :: 2 - axis] for axis in range(len(depth))]
+        self.planes = nn.ModuleList([*image, *depth])
+        grids = [*image, *depth]
+        matrix = torch.cat([*(grid.scale[:, None] * each for grid, each in zip(grids, axes, strict=True)), unit])
+        offset = torch.cat([*(grid.offset for grid in grids), torch.zeros(3)])
         self.network = field.network
-        self.register_buffer("reach", field.reach[:, None].clone(), persistent=False)
+        self.register_buffer("matrix", matrix.float(), persistent=False)
+        self.register_buffer("offset", offset[:, None].float(), persistent=False)
 
     def forward(self, points: Float[Tensor, "3 point"]) -> Float[Tensor, "width point"]:
         """The MLP's last hidden layer at canonical positions."""
-        inside = points / self.reach
-        values = [plane(inside[:2]) for plane in self.image_planes]
-        values += [plane(inside[axis :: 2 - axis]) for axis, plane in enumerate(self.depth_planes)]
-        hidden = torch.cat([*values, inside.clamp(-1, 1)])
+        places = torch.addmm(self.offset, self.matrix, points).split([2] * len(self.planes) + [3])
+        values = [plane(place) for plane, place in zip(self.planes, places[:-1], strict=True)]
+        hidden = torch.cat([*values, places[-1].clamp(-1, 1)])
         for linear in cast(list[nn.Linear], list(self.network)[::2]):
-            hidden = torch.relu(linear.weight @ hidden + linear.bias[:, None])
+            hidden = torch.relu(torch.addmm(linear.bias[:, None], linear.weight, hidden))
         return hidden
 
 

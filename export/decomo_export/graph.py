@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from decomo_export.baking import Bake, build_surfaces
@@ -53,38 +53,61 @@ class QueryGraph(nn.Module):
         """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
-        surface = self.model.surface(xy, rays, frame) if self.bake == "none" else self.surfaces(xy, frame)
-        tracks, occlusion = self._follow(xy, frame, surface, frames)
+        surface = rays.surface() if self.bake == "none" else self.surfaces(xy, frame)
+        there = self._carry(xy, frame, surface, frames)
+        at_home = frame[:, None] == frames
+        there = torch.where(at_home, xy[:, :, None], there)
+        occlusion = self._occlusion(xy, frame, there.flatten(1), frames, at_home.flatten())
         rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
+        tracks = there.permute(1, 2, 0)
         return tracks, occlusion, rgb, rgb_static, rgb_dynamic, rays.static_confidence(), rays.depth()
 
-    def _follow(
+    def _carry(
         self,
-        query_xy: Float[Tensor, "2 query"],
-        query_frame: Int[Tensor, " query"],
+        xy: Float[Tensor, "2 query"],
+        frame: Int[Tensor, " query"],
         surface: Surface,
-        frames: Int[Tensor, " frame"],
-    ) -> tuple[Float[Tensor, "query frame 2"], Float[Tensor, "query frame"]]:
-        """Places and occlusion of the queries' surface points in `frames`."""
-        model, plane = self.model, self.model.plane
-        shape = (query_xy.shape[1], frames.shape[0])
-        start = _for_each_frame(query_xy, shape)
-        source = query_frame[:, None].expand(shape).flatten()
-        target = frames.expand(shape).flatten()
-        point = Surface(_for_each_frame(surface.canonical, shape), surface.is_static[:, None].expand(shape).flatten())
-        at_home = source == target
-        there = torch.where(at_home, start, model.to_pixels(point, target))
+        frames: Int[Tensor, " target"],
+    ) -> Float[Tensor, "2 query target"]:
+        """Pixels of `frames` at which the queries' surface points are."""
+        found, places = [], []
+        for part in self.model.parts(surface.is_static):
+            values, place = part.of(torch.cat([surface.values, xy])).split([len(surface.values), 2])
+            canonical = self.surfaces.canonical(part, values, place, frame.index_select(0, part.asked))
+            shape = (canonical.shape[1], frames.shape[0])
+            each = canonical[:, :, None].expand(3, *shape).flatten(1)
+            pixels = part.volume.to_pixels(each, frames.expand(shape).flatten()).unflatten(1, shape)
+            found.append(pixels[:, :-1])
+            places.append(part.place)
+        order = torch.cat(places)
+        back = torch.zeros_like(frame).scatter(0, order, torch.arange(order.shape[0]))
+        return torch.cat(found, dim=1).index_select(1, back)
 
+    def _occlusion(
+        self,
+        xy: Float[Tensor, "2 query"],
+        frame: Int[Tensor, " query"],
+        there: Float[Tensor, "2 point"],
+        frames: Int[Tensor, " target"],
+        at_home: Bool[Tensor, " point"],
+    ) -> Float[Tensor, "query target"]:
+        """How far the surface seen `there` is from the query's, as a score; outside the image 1, `at_home` 0."""
+        plane, shape = self.model.plane, (frame.shape[0], frames.shape[0])
         last = there.new_tensor([[plane.width - 1.0], [plane.height - 1.0]])
         inside = torch.minimum(there.clamp_min(0.0), last)
         gone = ((there < -0.5) | (there > last + 0.5)).any(0)
-        offset = model.to_pixels(self.surfaces(inside, target), source) - start
-        error = (offset * offset).sum(0).sqrt() * (128 / plane.pixels_per_unit)
-        hidden = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
-        occlusion = torch.where(at_home, torch.zeros_like(hidden), hidden)
-        return there.T.unflatten(0, shape), occlusion.unflatten(0, shape)
-
-
-def _for_each_frame(values: Float[Tensor, "channel query"], shape: tuple) -> Tensor:
-    """Each query's column once for each frame, [channel, query * frame]."""
-    return values[:, :, None].expand(-1, *shape).flatten(1)
+        start = xy[:, :, None].expand(2, *shape).flatten(1)
+        source, target = frame[:, None].expand(shape).flatten(), frames.expand(shape).flatten()
+        surface = self.surfaces(inside, target)
+        columns = torch.cat([surface.values, inside, start, torch.stack([target, source]).to(there.dtype)])
+        scores, places = [], []
+        for part in self.model.parts(surface.is_static, ~(gone | at_home)):
+            values, seen, begun, clock = part.of(columns).split([len(surface.values), 2, 2, 2])
+            seen_in, begun_in = clock.to(torch.int64)
+            canonical = self.surfaces.canonical(part, values, seen, seen_in)
+            offset = part.volume.to_pixels(canonical, begun_in) - begun
+            error = (offset * offset).sum(0).sqrt() * (128 / plane.pixels_per_unit)
+            scores.append((error / (error + self.model.config.occlusion_scale))[:-1])
+            places.append(part.place)
+        elsewhere = (~at_home).to(there.dtype)
+        return elsewhere.scatter(0, torch.cat(places), torch.cat(scores)).unflatten(0, shape)

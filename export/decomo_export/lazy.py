@@ -2,8 +2,8 @@
 
 onnxruntime runs all nodes of a graph, whichever outputs are fetched. What only tracks and occlusion need therefore goes
 into a branch that is taken where there are frames to look in, and what only the appearance of the queries needs into
-one that is taken unless the optional input `appearance` is false. The rest of the body never sees an empty array, whose
-axes some of onnxruntime's operators mislay: no queries are padded to one, and its answer is cut off.
+one that is taken where there are none. The rest of the body never sees an empty array, whose axes some of onnxruntime's
+operators mislay: no queries are padded to one, and its answer is cut off.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CONSTANTS = {
 
 
 def compute_on_demand(proto: onnx.ModelProto) -> None:
-    """Rewrites the body of `proto` in place; inputs and outputs keep their names, `appearance` joins them."""
+    """Rewrites the body of `proto` in place; inputs and outputs keep their names."""
     graph = proto.graph
     body = list(graph.node)
     renamed = {contract.QUERIES: "queries_padded"} | {name: f"{name}_padded" for name in contract.OUTPUTS}
@@ -53,18 +53,17 @@ def compute_on_demand(proto: onnx.ModelProto) -> None:
         helper.make_node("Concat", [contract.QUERIES, "lazy_no_query"], ["queries_longer"], axis=0),
         helper.make_node("Slice", ["queries_longer", "lazy_zero", "query_rows"], ["queries_padded"]),
         helper.make_node("Greater", ["frame_count", "lazy_zero"], ["any_frame"]),
+        helper.make_node("Not", ["any_frame"], ["no_frame"]),
     ]
     branches = [
         _branch("any_frame", tracks, [renamed[name] for name in TRACKING], ["frame_count"]),
-        _branch(contract.APPEARANCE, appearance, [renamed[name] for name in APPEARANCE], []),
+        _branch("no_frame", appearance, [renamed[name] for name in APPEARANCE], []),
     ]
     after = [
         helper.make_node("Slice", [renamed[name], "lazy_zero", "query_count"], [name]) for name in contract.OUTPUTS
     ]
     del graph.node[:]
     graph.node.extend([*before, *shared, *branches, *after])
-    graph.input.append(helper.make_tensor_value_info(contract.APPEARANCE, TensorProto.BOOL, []))
-    graph.initializer.append(numpy_helper.from_array(np.array(True), contract.APPEARANCE))
     graph.initializer.extend(numpy_helper.from_array(value, name) for name, value in CONSTANTS.items())
     del graph.value_info[:]  # shapes recorded for the unpadded body no longer hold
 
@@ -82,14 +81,14 @@ def _needed_by(body: Sequence[onnx.NodeProto], names: Iterable[str]) -> set[int]
 def _branch(
     condition: str, nodes: Sequence[onnx.NodeProto], outputs: Sequence[str], axes: Sequence[str]
 ) -> onnx.NodeProto:
-    """`nodes` where `condition` holds; else zeros, [query, *axes], and the axis of `LAST` where there is one."""
-    zero = numpy_helper.from_array(np.zeros(1, np.float32))
+    """`nodes` where `condition` holds; else NaN, [query, *axes], and the axis of `LAST` where there is one."""
+    nothing = numpy_helper.from_array(np.full(1, np.nan, np.float32))
     otherwise = []
     for name in outputs:
         last = [LAST[name]] if name in LAST else []
         otherwise += [
             helper.make_node("Concat", ["query_rows", *axes, *last], [f"{name}_shape"], axis=0),
-            helper.make_node("ConstantOfShape", [f"{name}_shape"], [f"{name}_none"], value=zero),
+            helper.make_node("ConstantOfShape", [f"{name}_shape"], [f"{name}_none"], value=nothing),
         ]
     computed = [helper.make_node("Identity", [name], [f"{name}_computed"]) for name in outputs]
     return helper.make_node(

@@ -1,50 +1,55 @@
 """Bilinear look-up in the form that runtimes execute fastest: one gathered row for each point.
 
 Points are columns: every array is [channel, point], so that each operation runs along whole arrays. A grid's row holds
-the four corners of one cell, so that a point costs one gather and three interpolations between long arrays; onnxruntime
-takes several times as long for `GridSample`, which visits a point once for each channel.
+what is interpolated in one cell, so that a point costs one gather and two multiplications between long arrays;
+onnxruntime takes several times as long for `GridSample`, which visits a point once for each channel.
 """
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+EXACT = 2**24
+"""Below it, a float32 holds every whole number."""
+
 
 class Raster(nn.Module):
-    """Where points fall on a raster of `height` x `width` samples; what lies beyond its border is moved onto it.
+    """Where points fall on the rasters of `frames` frames, of `height` x `width` samples each, at least 2 x 2.
 
-    Args:
-        height, width: samples, at least 2 each.
-        scale, offset: (x, y), from the points' coordinates to columns and rows: `scale * point + offset`.
+    Asked in samples, (column, row). What lies beyond the border is moved onto it. Cells are numbered row by row, each
+    frame by frame: a point that hardly moves meets neighbours.
     """
 
-    scale: Tensor
-    offset: Tensor
     last: Tensor
-    last_cell: Tensor
+    stride: Tensor
 
-    def __init__(self, height: int, width: int, scale: tuple[float, float], offset: tuple[float, float]) -> None:
+    def __init__(self, frames: int, height: int, width: int) -> None:
         super().__init__()
         self.height, self.width = height, width
-        for name, value in {
-            "scale": scale,
-            "offset": offset,
-            "last": (width - 1.0, height - 1.0),
-            "last_cell": (width - 2.0, height - 2.0),
-        }.items():
-            self.register_buffer(name, torch.tensor(value, dtype=torch.float32)[:, None], persistent=False)
+        # the largest numbers below the last sample's: rounded down, they give the last cell
+        last = np.nextafter(np.array([[width - 1], [height - 1]], np.float32), np.float32(0))
+        self.register_buffer("last", torch.from_numpy(last), persistent=False)
+        numbers = torch.float32 if frames * height * width < EXACT else torch.float64
+        stride = torch.tensor([frames, frames * (width - 1)], dtype=numbers)
+        self.register_buffer("stride", stride, persistent=False)
 
-    def forward(self, xy: Float[Tensor, "2 point"]) -> tuple[Float[Tensor, "2 point"], Float[Tensor, "2 point"]]:
-        """(column, row) of each point's cell, whole numbers, and the point's place in the cell, 0 to 1."""
-        place = torch.minimum((xy * self.scale + self.offset).clamp_min(0.0), self.last)
-        cell = torch.minimum(place.floor(), self.last_cell)
-        return cell, place - cell
+    def forward(
+        self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None
+    ) -> tuple[Int[Tensor, " point"], Float[Tensor, "2 point"]]:
+        """The number of each point's cell in its `frame`, None: the only one, and its place in the cell, 0 to 1."""
+        inside = torch.minimum(place.clamp_min(0.0), self.last)
+        cell = inside.floor()
+        number = (self.stride @ cell.to(self.stride.dtype)).to(torch.int64)
+        return number if frame is None else number + frame, inside - cell
 
 
 class CellGrid(nn.Module):
-    """One grid [channel, height, width] for each frame, over +-`reach` in x and y.
+    """One grid [channel, height, width] for each frame, over +-`reach` in x and y; constant beyond.
+
+    `scale` and `offset` [2] lead to the coordinates in which it is asked: `scale * point + offset` are samples.
 
     Args:
         grids: values at the grid's nodes, outermost nodes at +-`reach`.
@@ -57,28 +62,27 @@ class CellGrid(nn.Module):
         super().__init__()
         height, width = grids.shape[-2:]
         self.channels = grids.shape[1]
-        self.cells = (height - 1) * (width - 1)
-        half = ((width - 1) / 2, (height - 1) / 2)
-        self.raster = Raster(height, width, (half[0] / float(reach[0]), half[1] / float(reach[1])), half)
-        self.register_buffer("grids", grids.permute(0, 2, 3, 1).contiguous(), persistent=False)
+        self.raster = Raster(len(grids), height, width)
+        self.offset = torch.tensor([width - 1.0, height - 1.0], dtype=torch.float64) / 2
+        self.scale = self.offset / reach.double()
+        self.register_buffer("grids", grids.permute(2, 3, 0, 1).contiguous(), persistent=False)
 
     def forward(
-        self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None = None
+        self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None = None
     ) -> Float[Tensor, "channel point"]:
-        """The values at `xy`, each point in the grid of its `frame`; None: there is one grid for all."""
-        cell, place = self.raster(xy)
-        row = (cell[1] * (self.raster.width - 1) + cell[0]).to(torch.int64)
-        if frame is not None:
-            row = row + frame * self.cells
-        corners = self._corners().index_select(0, row).T
-        left, right = corners.chunk(2)
-        across = left + place[:1] * (right - left)
-        upper, lower = across.chunk(2)
-        return upper + place[1:] * (lower - upper)
+        """The values at `place`, in samples, each point in the grid of its `frame`; None: there is one grid for all."""
+        row, within = self.raster(place, frame)
+        right, down = within.split(1)
+        start, slope = self._rows().index_select(0, row).T.chunk(2)
+        value, descent = (start + right * slope).chunk(2)
+        return value + down * descent
 
-    def _corners(self) -> Float[Tensor, "cell corner_channel"]:
-        """A row for each cell: left corners, then right ones, upper before lower; a runtime folds it when it loads."""
-        grids = self.grids
-        upper, lower = grids[:, :-1], grids[:, 1:]
-        rows = [upper[:, :, :-1], lower[:, :, :-1], upper[:, :, 1:], lower[:, :, 1:]]
-        return torch.cat(rows, dim=-1).reshape(-1, 4 * self.channels)
+    def _rows(self) -> Float[Tensor, "cell coefficient_channel"]:
+        """Of each cell the value at its upper left corner and its step downwards, then what a step to the right adds.
+
+        A runtime computes them from the grids, once, when it loads.
+        """
+        upper, lower = self.grids[:-1], self.grids[1:]
+        columns = torch.cat([upper, lower - upper], dim=-1)
+        left, right = columns[:, :-1], columns[:, 1:]
+        return torch.cat([left, right - left], dim=-1).reshape(-1, 4 * self.channels)

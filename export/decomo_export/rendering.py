@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from decomo_export.frozen import FrozenVolume, Matter
@@ -20,10 +19,27 @@ from decomotion.rays import sample_depths
 class Surface(NamedTuple):
     """The visible surface at some pixels."""
 
-    canonical: Float[Tensor, "3 point"]
-    """In the canonical space of the volume that owns the pixel."""
+    values: Float[Tensor, "channel point"]
+    """Pseudo-depth, or what a table holds instead (`baking.py`)."""
     is_static: Bool[Tensor, " point"]
+    """Which volume owns the pixel."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Those of some points that belong to one volume."""
+
+    volume: FrozenVolume
+    is_static: bool
     """Which volume that is."""
+    place: Int[Tensor, " part"]
+    """Their numbers among all points."""
+    asked: Int[Tensor, " part_1"]
+    """The same and one more, never empty: some of onnxruntime's operators mislay empty axes."""
+
+    def of(self, columns: Float[Tensor, "channel point"]) -> Float[Tensor, "channel part_1"]:
+        """The columns of the points `asked`, taken as rows, which is faster."""
+        return columns.T.index_select(0, self.asked).T
 
 
 @dataclass(frozen=True)
@@ -31,9 +47,8 @@ class FrozenRays:
     """Samples of some rays, near to far, and the share of each in the fused ray."""
 
     depths: Float[Tensor, " sample"]
-    canonical: tuple[Float[Tensor, "3 point sample"], ...]
-    """Of the static, then the dynamic volume, as all that follow."""
     matter: tuple[Matter, ...]
+    """Of the static, then the dynamic volume, as all that follow."""
     weights: tuple[Float[Tensor, "point sample"], ...]
 
     def shares(self) -> list[Float[Tensor, " point"]]:
@@ -54,6 +69,10 @@ class FrozenRays:
         """Pseudo-depth of the surface: of the samples of the volume that owns the pixel."""
         weights = torch.where(self.is_static()[:, None], *self.weights)
         return (weights * self.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
+
+    def surface(self) -> Surface:
+        """The surface that the rays meet, as `decomotion.model.readout.surface_of` defines it."""
+        return Surface(self.owner_depth()[None], self.is_static())
 
     def static_confidence(self) -> Float[Tensor, " point"]:
         """Share of the fused weight that is static."""
@@ -86,20 +105,15 @@ class FrozenModel(nn.Module):
 
     def cast(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> FrozenRays:
         """Samples the rays through pixels `xy`, each of its `frame`."""
-        samples = self.config.samples
-        depths = sample_depths(xy.new_zeros(2), samples)
-        shape = (xy.shape[1], samples)
-        each = xy[:, :, None].expand(2, *shape).flatten(1)
-        depth, frames = depths.expand(shape).flatten(), frame[:, None].expand(shape).flatten()
-        canonical, matter = [], []
+        depths = sample_depths(xy.new_zeros(2), self.config.samples)
+        shape = (xy.shape[1], self.config.samples)
+        matter = []
         for volume in (self.static, self.dynamic):
             if volume is None:
-                nothing = torch.zeros_like(depth)
-                points, found = nothing.expand(3, -1), Matter(nothing, nothing.expand(3, -1), nothing)
-            else:
-                points = volume.to_canonical(each, depth, frames)
-                found = volume.matter(points)
-            canonical.append(points.unflatten(1, shape))
+                nothing = xy.new_zeros(shape)
+                matter.append(Matter(nothing, nothing.expand(3, *shape), nothing))
+                continue
+            found = volume.matter(volume.to_canonical(xy, depths[None], frame))
             matter.append(
                 Matter(
                     found.density.unflatten(0, shape),
@@ -110,44 +124,16 @@ class FrozenModel(nn.Module):
         static, dynamic = matter
         beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
-        return FrozenRays(depths, tuple(canonical), tuple(matter), tuple(weights))
+        return FrozenRays(depths, tuple(matter), tuple(weights))
 
-    def surface(self, xy: Float[Tensor, "2 point"], rays: FrozenRays, frame: Int[Tensor, " point"]) -> Surface:
-        """The surface that `rays` meet, as `decomotion.model.readout.surface_of` defines it."""
-        is_static = rays.is_static()
-        return Surface(self.to_canonical(xy, rays.owner_depth(), is_static, frame), is_static)
-
-    def to_canonical(
-        self,
-        xy: Float[Tensor, "2 point"],
-        depth: Float[Tensor, " point"],
-        is_static: Bool[Tensor, " point"],
-        frame: Int[Tensor, " point"],
-    ) -> Float[Tensor, "3 point"]:
-        """Canonical positions of points, each in the volume that owns it."""
-        return self._by_owner(is_static, 3, FrozenVolume.to_canonical, xy, depth, frame)
-
-    def to_pixels(self, surface: Surface, frame: Int[Tensor, " point"]) -> Float[Tensor, "2 point"]:
-        """Pixels at which surface points lie in their `frame`."""
-        return self._by_owner(surface.is_static, 2, FrozenVolume.to_pixels, surface.canonical, frame)
-
-    def _by_owner(
-        self,
-        is_static: Bool[Tensor, " point"],
-        channels: int,
-        ask: Callable[..., Float[Tensor, "channel point"]],
-        *columns: Shaped[Tensor, "..."],
-    ) -> Float[Tensor, "channel point"]:
-        """What `ask` says of each point in the volume that owns it; no volume is asked about the other's points."""
-        if self.static is None or self.dynamic is None:
-            return ask(self.static or self.dynamic, *columns)
+    def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
+        """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""
+        wanted = torch.ones_like(is_static) if wanted is None else wanted
+        alone = self.static is None or self.dynamic is None
         first = torch.zeros(1, dtype=torch.int64)
-        found, places = [], []
-        for volume, owned in ((self.static, is_static), (self.dynamic, ~is_static)):
-            place = torch.nonzero(owned)[:, 0]
-            asked = torch.cat([place, first])  # never empty: some of onnxruntime's operators mislay empty axes
-            found.append(ask(volume, *(column.index_select(-1, asked) for column in columns))[:, :-1])
-            places.append(place)
-        order = torch.cat(places).expand(channels, -1)
-        blank = columns[0].new_zeros(channels, is_static.shape[0])
-        return blank.scatter(1, order, torch.cat(found, dim=1))
+        parts = []
+        for volume, static, owned in ((self.static, True, is_static), (self.dynamic, False, ~is_static)):
+            if volume is not None:
+                place = torch.nonzero(wanted if alone else owned & wanted)[:, 0]
+                parts.append(Part(volume, static, place, torch.cat([place, first])))
+        return parts

@@ -5,7 +5,6 @@ All coordinates are pixels of the clip's own resolution, pixel centres at intege
 Inputs
     queries             float32 [N, 3]  (t, x, y): the frame and place where each point is seen
     frames              int64   [M]     the frames in which to look for it
-    appearance          bool    []      optional, default true: whether what follows `occlusion` is wanted
 Outputs
     tracks              float32 [N, M, 2]  (x, y) of each point in each frame, inside or outside the image
     occlusion           float32 [N, M]     score in [0, 1]; above the metadata's threshold: occluded
@@ -14,8 +13,7 @@ Outputs
     rgb_dynamic         float32 [N, 3]     the dynamic volume alone
     static_confidence   float32 [N]        rendered confidence that the point belongs to the static scene, in [0, 1]
     depth               float32 [N]        pseudo-depth of the ray, 0 (near) to 2 (far)
-The first two are computed only where M > 0; the others are zeros where `appearance` is false. Files without that input
-are of an earlier version, and compute them always.
+The first two answer where M > 0; the others where M = 0, and are NaN, not computed, where M > 0.
 """
 
 from __future__ import annotations
@@ -23,11 +21,11 @@ from __future__ import annotations
 FORMAT_VERSION = 1
 """Raised whenever a runtime of the former version would misread the file."""
 
-OPSET = 18
+OPSET, IR_VERSION = 18, 8
+"""Of ONNX 1.13; the oldest onnxruntime that the package declares reads up to opset 21 and IR version 10."""
 
 QUERIES, FRAMES = "queries", "frames"
 INPUTS = (QUERIES, FRAMES)
-APPEARANCE = "appearance"
 
 TRACKS, OCCLUSION = "tracks", "occlusion"
 RGB, RGB_STATIC, RGB_DYNAMIC = "rgb", "rgb_static", "rgb_dynamic"

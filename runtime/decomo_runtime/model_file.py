@@ -53,6 +53,9 @@ def open_session(
     _check_file(path)
     options = onnxruntime.SessionOptions()
     options.log_severity_level = _ERRORS_ONLY
+    options.enable_mem_reuse = (
+        False  # planning it is most of the time to open a file; arrays return to the arena anyway
+    )
     if threads is not None:
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise SessionError(f"threads must be a whole number of at least 1, got {threads!r}")

@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,6 @@ from decomo_runtime import contract
 from decomo_runtime.chunks import frame_chunks, query_chunks
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
-from decomo_runtime.rendering import render
 from decomo_runtime.tracks import Tracks
 
 
@@ -63,7 +62,6 @@ class Tracker:
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._session = open_session(self.path, providers, threads)
         self.facts = read_facts(self._session, self.path)
-        self._on_demand = contract.APPEARANCE in {port.name for port in self._session.get_overridable_initializers()}
 
     @property
     def clip_name(self) -> str:
@@ -175,15 +173,14 @@ class Tracker:
 
         `layer` is one of `fused`, `static`, `dynamic` ([H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
         """
+        from decomo_runtime.rendering import render  # here, as tracking does without OpenCV
+
         return render(self, frame, [layer], long_side=long_side)[0]
 
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]
     ) -> list[npt.NDArray[np.float32]]:
-        asked: dict[str, npt.NDArray[Any]] = {contract.QUERIES: queries, contract.FRAMES: frames}
-        if self._on_demand:
-            asked[contract.APPEARANCE] = np.array(contract.RGB in outputs)
-        answer = self._session.run(list(outputs), asked)
+        answer = self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
         return cast("list[npt.NDArray[np.float32]]", answer)
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,11 +12,21 @@ from decomotion.errors import InputError
 HEAVY = {"torch", "onnx", "onnxruntime", "numpy", "cv2", "av"}
 
 
+def loaded(code: str, *arguments: str) -> list[str]:
+    """Which of the heavy modules `code` loads, in a process of its own."""
+    code = f"import sys; {code}; print(*sorted({HEAVY!r} & set(sys.modules)))"
+    asked = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(asked, capture_output=True, text=True, timeout=60, check=True).stdout.split()
+
+
 @pytest.mark.parametrize("module", ["decomo_runtime", "decomo_runtime.cli", "decomo_runtime.contract"])
 def test_import_loads_nothing_heavy(module: str):
-    code = f"import sys, {module}; print(sorted({HEAVY!r} & set(sys.modules)))"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert result.stdout.strip() == "[]"
+    assert loaded(f"import {module}") == []
+
+
+def test_tracking_loads_what_it_needs(model_path: Path):
+    asked = "from decomo_runtime import Tracker; Tracker(sys.argv[1]).track([(0, 3, 4)])"
+    assert loaded(asked, str(model_path)) == ["numpy", "onnxruntime"]
 
 
 @pytest.mark.parametrize("name", decomo_runtime.__all__)

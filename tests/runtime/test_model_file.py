@@ -5,11 +5,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from decomo_runtime import ModelFileError, SessionError, Tracker, contract
 
 WriteModel = Callable[..., Path]
+OPTIONAL = (
+    contract.META_FORMAT_VERSION,  # without it the file is not ours
+    contract.META_WRITER_VERSION,
+    contract.META_BYTES_PER_RAY,
+    contract.META_BAKE,
+    contract.META_PRECISION,
+    contract.META_DEVIATION,
+)
 
 
 def refusal(path: Path) -> str:
@@ -74,6 +83,19 @@ def test_newer_format(write_model: WriteModel):
     assert "pip install -U decomotion" in text
 
 
+def test_files_of_an_earlier_version_answer(write_model: WriteModel):
+    """They knew less metadata, and one had an optional input; all outputs were computed always."""
+    older = {key: None for key in OPTIONAL if key != contract.META_FORMAT_VERSION}
+    optional_input = {"int64[M] frames)": "int64[M] frames, bool appearance = {1})"}
+    for rename in ({}, optional_input):
+        path = write_model(older, rename=rename)
+        tracker = Tracker(path, threads=1)
+        tracks = tracker.track([(1, 3, 4)], [0, 3])
+        np.testing.assert_allclose(tracks.xy[0], [(1.5, 4.5), (6, 3)], atol=1e-5)  # float32 at tens of pixels
+        np.testing.assert_allclose(tracker.sample([(2, 3, 4)]).depth, [0.5], atol=1e-6)
+        assert tracker.facts.bytes_per_ray > 0
+
+
 def test_operators_that_this_onnxruntime_lacks(write_model: WriteModel):
     text = refusal(write_model(opset=999))
     assert "pip install -U onnxruntime" in text
@@ -81,16 +103,6 @@ def test_operators_that_this_onnxruntime_lacks(write_model: WriteModel):
 
 def test_operators_that_no_onnxruntime_has(write_model: WriteModel):
     assert "(Error No Op registered for Frobnicate" in refusal(write_model(rename={"Abs": "Frobnicate"}))
-
-
-OPTIONAL = (
-    contract.META_FORMAT_VERSION,  # without it the file is not ours
-    contract.META_WRITER_VERSION,
-    contract.META_BYTES_PER_RAY,
-    contract.META_BAKE,
-    contract.META_PRECISION,
-    contract.META_DEVIATION,
-)
 
 
 @pytest.mark.parametrize(
