@@ -49,14 +49,16 @@ class QueryGraph(nn.Module):
         Float[Tensor, "query 3"],
         Float[Tensor, " query"],
         Float[Tensor, " query"],
+        Float[Tensor, " query"],
     ]:
-        """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth."""
+        """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth, static_opacity."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
         surface = self.model.surface(xy, rays, frame) if self.bake == "none" else self.surfaces(xy, frame)
         tracks, occlusion = self._follow(xy, frame, surface, frames)
         rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
-        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, rays.static_confidence(), rays.depth()
+        seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
+        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
 
     def _follow(
         self,
