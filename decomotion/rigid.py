@@ -35,7 +35,7 @@ FOLDER = "rigid"
 """In the run's folder: the run of the static volume."""
 MOTION = "motion.npz"
 """In it: the masks."""
-REGULARISERS = ("distortion", "depth_range")
+REGULARISERS = ("distortion", "depth_range", "steepness")
 """Losses that this run has besides the robust one, weighted as in the whole run."""
 
 
