@@ -128,6 +128,12 @@ def _drawing(tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], mark: 
     from decomo_runtime.tracks import Tracks
 
     tracks = Tracks.load(path)
+    if tracks.size not in (None, (tracker.height, tracker.width)):
+        height, width = tracks.size
+        raise OverlayError(
+            f"{path} has tracks in frames of {width}x{height} but the model was fitted to frames of "
+            f"{tracker.width}x{tracker.height}; give tracks of this model"
+        )
     columns = {frame: column for column, frame in enumerate(tracks.frames.tolist())}
     missing = [frame for frame in frames.tolist() if frame not in columns]
     if missing or max(columns) >= tracker.num_frames:

@@ -126,7 +126,8 @@ class Tracker:
             width = columns.stop - columns.start
             for rows in query_chunks(len(queries), chunk, width, self.facts.bytes_per_ray, max_memory):
                 xy[rows, columns], occlusion[rows, columns] = self._ask(outputs, queries[rows], frames[columns])
-        return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames)
+        size = self.height, self.width
+        return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames, size)
 
     def stream(
         self,
