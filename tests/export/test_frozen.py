@@ -43,7 +43,9 @@ def random_queries(count: int) -> Tensor:
 @torch.no_grad()
 def test_the_same_answers_as_the_definition(model: DecoMotion):
     queries, frames = random_queries(40), torch.tensor([3, 0, 4, 4])
-    tracks, occlusion, rgb, rgb_static, rgb_dynamic, confidence, depth, opacity = QueryGraph(model, "none")(queries, frames)
+    tracks, occlusion, rgb, rgb_static, rgb_dynamic, confidence, depth, opacity = QueryGraph(model, "none")(
+        queries, frames
+    )
     frame, xy = queries[:, 0].long(), queries[:, 1:]
     conditioning = model.condition(torch.arange(FRAMES))
     expected = answer(model, conditioning, xy, frame, frames)
