@@ -61,7 +61,8 @@ def render(
 ) -> None:
     """Renders the clip that MODEL was fitted to, decomposed into static scene and moving objects.
 
-    Objects alone have an alpha channel; in .mp4, with --overlay and in the video of all layers they lie on chequers.
+    Objects alone, and the static scene where it was never seen, are transparent; in .mp4, with --overlay and in the
+    video of all layers they lie on chequers.
     All layers make one video side by side, or a folder for each.
     """
     import numpy as np
