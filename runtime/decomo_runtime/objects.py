@@ -34,7 +34,7 @@ DIFFERENT, SPREADS = 14.0, 2.0
 """Difference in colour, of 255, beyond all that the scene shows within a pixel and beyond so many times the median
 deviation of the frames that show it: clouds drift, leaves move.
 """
-REACH = 32.0
+REACH = 48.0
 """What hangs on an object lies this near to the mask; this and what follows in pixels of a frame whose longer side is
 256."""
 GROWN, FEATHER = 3.0, 3.0
