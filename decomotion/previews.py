@@ -48,7 +48,7 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
 def _as_if_opaque(matter: Matter) -> Float[Tensor, "1 point 3"]:
     """Colour of a volume alone: the mean of its samples' by weight."""
     weights = composite_weights(matter.density)
-    return composite(weights, matter.colour) / weights.sum(-1, keepdim=True).clamp_min(1e-6)
+    return composite(weights, matter.colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
 
 
 def to_png(picture: npt.NDArray[np.uint8]) -> bytes:

@@ -68,7 +68,7 @@ class FrozenRays:
         """RGB in [0, 1]: fused; then static alone and dynamic alone, both as if they were opaque."""
         fused = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.weights, self.matter, strict=True)]
         alone = [
-            (composite_weights(matter.density) * matter.colour).sum(-1) / opacity.clamp_min(1e-6)
+            (composite_weights(matter.density) * matter.colour).sum(-1) / opacity.clamp_min(1e-3)
             for matter, opacity in zip(self.matter, self.opacities(), strict=True)
         ]
         return fused[0] + fused[1], *alone

@@ -57,8 +57,7 @@ def test_the_same_answers_as_the_definition(model: DecoMotion):
     alone = [composite_weights(matter.density)[:, 0] for matter in (rays.static, rays.dynamic)]
     torch.testing.assert_close(opacity, alone[0].sum(-1), rtol=0, atol=1e-4)
     for weights, matter, given in zip(alone, (rays.static, rays.dynamic), (rgb_static, rgb_dynamic), strict=True):
-        total = weights.sum(-1, keepdim=True)
-        expected = torch.where(total > 0, composite(weights, matter.colour[:, 0]) / total, 0)
+        expected = composite(weights, matter.colour[:, 0]) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
         torch.testing.assert_close(given, expected, rtol=0, atol=1e-3)
     assert ((depth >= 0) & (depth <= 2)).all()
 
