@@ -1,16 +1,18 @@
 """Rendering of fitted models against the clips: PSNR of the fused picture, IoU of the motion mask. One record a model.
 
     python benchmarks/rendering.py ../shared/data/tapvid_davis32_dev.pkl ../shared/data/davis32_dev_mask.npz \
-        models/*.onnx --out benchmarks/results/rendering-3m
+        runs/cpu --out benchmarks/results/rendering
 
-The second file holds a boolean array [frame, H, W] for each clip of the first, by name; each model says in its metadata
-which clip it is of. Both figures are means over frames; a pixel of the rendered mask moves where its static confidence
-is below one half. What has a record is not rendered again.
+Models are `.onnx` files, or folders that hold some, for instance what `accuracy.py --work` left. The second file holds
+a boolean array [frame, H, W] for each clip of the first, by name; each model says in its metadata which clip it is of.
+Both figures are means over frames; a pixel of the rendered mask moves where its static confidence is below one half.
+What has a record is not rendered again. At the end the mean over the clips.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
 import time
 from pathlib import Path
@@ -23,6 +25,7 @@ from decomo_runtime import Tracker
 from decomo_runtime.rendering import render
 from decomotion.console import run
 from harness.clips import read_clips
+from harness.models import model_files
 from harness.pictures import intersection_over_union, psnr
 from harness.records import Record, is_done, provenance, write_record
 
@@ -46,7 +49,8 @@ def measure(tracker: Tracker, clip: np.ndarray, truth: np.ndarray, frames: range
 def main(dataset: Path, masks: Path, models: tuple[Path, ...], every: int, out: Path) -> None:
     """Render the clips of DATASET from MODELS; MASKS are those drawn by hand."""
     click.echo("| clip | PSNR dB | mask IoU | frames |\n|---|---|---|---|")
-    for path in models:
+    rows = []
+    for path in model_files(models):
         tracker = Tracker(path)
         facts = {
             "clip": tracker.clip_name,
@@ -55,6 +59,7 @@ def main(dataset: Path, masks: Path, models: tuple[Path, ...], every: int, out: 
         }
         record_path = out / f"{tracker.clip_name}.json"
         if is_done(record_path, facts):
+            rows.append(_row(json.loads(record_path.read_text())))
             continue
         clip = read_clips(str(dataset), [tracker.clip_name], masks)[tracker.clip_name]
         if clip.object_masks is None:
@@ -63,8 +68,18 @@ def main(dataset: Path, masks: Path, models: tuple[Path, ...], every: int, out: 
         about = {**facts, "preset": tracker.preset, "frames": len(frames), "dataset": dataset.name, **provenance()}
         figures = measure(tracker, clip.video.frames(), clip.object_masks, frames)
         seconds = round((time.monotonic() - begin) / len(frames), 2)
-        write_record(record_path, {**about, "seconds_per_frame": seconds, "rendering": figures})
-        click.echo(f"| {tracker.clip_name} | {figures['psnr']:.1f} | {figures['mask_iou']:.3f} | {len(frames)} |")
+        record = {**about, "seconds_per_frame": seconds, "rendering": figures}
+        write_record(record_path, record)
+        rows.append(_row(record))
+    if len(rows) > 1:
+        click.echo("| mean | {:.1f} | {:.3f} | |".format(*map(fmean, zip(*rows, strict=True))))
+
+
+def _row(record: Record) -> tuple[float, float]:
+    """PSNR and IoU of a record, printed."""
+    psnr, overlap = record["rendering"]["psnr"], record["rendering"]["mask_iou"]
+    click.echo(f"| {record['clip']} | {psnr:.1f} | {overlap:.3f} | {record['frames']} |")
+    return psnr, overlap
 
 
 if __name__ == "__main__":

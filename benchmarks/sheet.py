@@ -1,12 +1,14 @@
-"""The README's picture of layers: a clip beside all that a model makes of it, a row for each frame.
+"""Sheets of layers, the README's among them: a clip beside all that a model makes of it, a row for each frame.
 
-    python benchmarks/sheet.py models/car-shadow.onnx car-shadow docs/images/layers.jpg --frames 2,16,29
+    python benchmarks/sheet.py ../shared/data/tapvid_davis32_dev.pkl runs/cpu --out sheets --frames 2,16,29
 
-Columns: the clip, fused, static scene, objects, motion mask, pseudo-depth, the clip without its objects.
+Models are `.onnx` files, or folders that hold some; each says in its metadata which clip it is of and gets one picture,
+`<clip>.jpg`. Columns: the clip, fused, static scene, objects, motion mask, pseudo-depth, the clip without its objects.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
@@ -17,35 +19,48 @@ from decomo_runtime import Tracker
 from decomo_runtime.pictures import flattened, tiled
 from decomo_runtime.removal import remove_objects
 from decomo_runtime.rendering import LAYERS, render
-from decomotion.clip import read_clip
+from decomotion.console import run
 from decomotion.files import replacing
+from harness.clips import read_clips
+from harness.models import model_files
 
 TITLES = ("clip", "fused", "static", "objects", "mask", "depth", "removed")
 HEADING = 26
+QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 85)
 
 
 @click.command(context_settings={"show_default": True})
-@click.argument("model", type=click.Path(exists=True, path_type=Path))
-@click.argument("clip", type=click.Path(path_type=Path))
-@click.argument("picture", type=click.Path(path_type=Path))
+@click.argument("dataset")
+@click.argument("models", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
 @click.option("--frames", default="0", help="Separated by commas.")
 @click.option("--width", default=1680, help="Of the picture, in pixels.")
-def main(model: Path, clip: Path, picture: Path, frames: str, width: int) -> None:
-    tracker, video, wanted = Tracker(model), read_clip(clip).frames, [int(frame) for frame in frames.split(",")]
+def main(dataset: str, models: tuple[Path, ...], out: Path, frames: str, width: int) -> None:
+    """Draw what MODELS make of the clips of DATASET, a TAP-Vid pickle."""
+    wanted = [int(frame) for frame in frames.split(",")]
+    for path in model_files(models):
+        tracker = Tracker(path)
+        video = read_clips(dataset, [tracker.clip_name])[tracker.clip_name].video.frames()
+        picture = out / f"{tracker.clip_name}.jpg"
+        with replacing(picture) as temporary:
+            temporary.write_bytes(cv2.imencode(".jpg", sheet(tracker, video, wanted, width), QUALITY)[1].tobytes())
+        click.echo(f"wrote {picture}")
+
+
+def sheet(tracker: Tracker, video: np.ndarray, wanted: list[int], width: int) -> np.ndarray:
+    """The sheet of one clip [T, H, W, 3], `width` pixels wide: BGR."""
     pictures = []
     for frame, removed in zip(wanted, remove_objects(tracker, video, wanted), strict=True):
         pictures += [video[frame], *map(flattened, render(tracker, frame, LAYERS)), removed]
-    sheet = tiled(pictures, len(TITLES))
-    size = (width, round(width * sheet.shape[0] / sheet.shape[1]))
-    sheet = cv2.resize(sheet, size, interpolation=cv2.INTER_AREA if width < sheet.shape[1] else cv2.INTER_CUBIC)
+    tiles = tiled(pictures, len(TITLES))
+    size = (width, round(width * tiles.shape[0] / tiles.shape[1]))
+    tiles = cv2.resize(tiles, size, interpolation=cv2.INTER_AREA if width < tiles.shape[1] else cv2.INTER_CUBIC)
     heading = np.full((HEADING, width, 3), 255, np.uint8)
     for column, title in enumerate(TITLES):
         place = (column * width // len(TITLES) + 6, 19)
         cv2.putText(heading, title, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
-    drawn = cv2.cvtColor(np.concatenate([heading, sheet.astype(np.uint8)]), cv2.COLOR_RGB2BGR)
-    with replacing(picture) as temporary:
-        cv2.imwrite(str(temporary), drawn, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    return cv2.cvtColor(np.concatenate([heading, tiles.astype(np.uint8)]), cv2.COLOR_RGB2BGR)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main))

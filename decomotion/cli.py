@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from decomotion.console import run
 from decomotion.options import Duration, Supervision, supervision_options
@@ -15,6 +16,8 @@ from decomotion.options import Duration, Supervision, supervision_options
 DEFAULT_BUDGET = "10m"
 MINUTES = ("cpu", "omnimotion")
 """Presets that have a default budget in minutes, not in steps."""
+MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
+"""Options that `--resume` heeds."""
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -38,7 +41,9 @@ MINUTES = ("cpu", "omnimotion")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
 @click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Seed of everything random.")
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
+@click.pass_context
 def command(
+    context: click.Context,
     clip: Path,
     out: Path | None,
     time_budget: float | None,
@@ -57,9 +62,9 @@ def command(
     supervision = Supervision(**options)
     if time_budget is not None and steps is not None:
         raise ConfigError("give --time-budget or --steps, not both")
-    if resume and not supervision.silent:
+    if resume and (decided := _given(context, MAY_RESUME_WITH)):
         raise ConfigError(
-            "--resume continues with the run's own configuration; leave out --set, --config and what else decides it"
+            f"--resume continues with the run's own configuration and seed; leave out {', '.join(decided)}"
         )
     frames = read_clip(clip)
     folder = out if out is not None else Path("runs") / frames.name
@@ -99,6 +104,16 @@ def command(
             steps, seconds = first.training["budget"]["steps"], first.training["budget"]["seconds"]
             time_budget = None if seconds is None else seconds * len(frames) / first.clip.num_frames
     each_shot(frames, folder, fit_one)
+
+
+def _given(context: click.Context, but_for: Sequence[str]) -> list[str]:
+    """The options on the command line, without those named `but_for`."""
+    options = [each for each in context.command.params if isinstance(each, click.Option) and each.name not in but_for]
+    return [
+        each.opts[0]
+        for each in options
+        if each.name is not None and context.get_parameter_source(each.name) is ParameterSource.COMMANDLINE
+    ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

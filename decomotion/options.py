@@ -49,12 +49,6 @@ class Supervision:
     tracks: str | None
     prepare_budget: float | None
 
-    @property
-    def silent(self) -> bool:
-        """Whether nothing was said but the preset."""
-        said = (self.flow, self.flow_weights, self.features, self.feature_weights, self.masks, self.tracks)
-        return not self.overrides and self.file is None and self.prepare_budget is None and not any(said)
-
     def config(self, device: str) -> Config:
         """The resolved configuration; the preset `auto` depends on the device."""
         from decomotion import config as configuration

@@ -6,9 +6,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from decomotion.compositing import composite, composite_weights
 from decomotion.model.fusion import DecoMotion
+from decomotion.model.volume import Matter
 from decomotion.rays import FAR
 
 SIDE = 128
@@ -34,13 +37,18 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
         weights = rays.fused_static + rays.fused_dynamic
         depth = (composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]) / FAR
         confidence = rays.static_confidence[..., None]
-        dynamic = composite(composite_weights(rays.dynamic.density), rays.dynamic.colour)
-        static = composite(composite_weights(rays.static.density), rays.static.colour)
+        static, dynamic = _as_if_opaque(rays.static), _as_if_opaque(rays.dynamic)
         objects = dynamic * (1 - confidence) + confidence
         layers = [rays.fused_colour(), static, objects, confidence.expand_as(static), depth.expand_as(static)]
         rows.append(torch.stack(layers, dim=2))
     picture = torch.cat(rows, dim=1).clamp(0, 1).reshape(height, width, 5, 3)
     return (picture.permute(0, 2, 1, 3).reshape(height, 5 * width, 3) * 255).round().byte().cpu().numpy()
+
+
+def _as_if_opaque(matter: Matter) -> Float[Tensor, "1 point 3"]:
+    """Colour of a volume alone: the mean of its samples' by weight."""
+    weights = composite_weights(matter.density)
+    return composite(weights, matter.colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
 
 
 def to_png(picture: npt.NDArray[np.uint8]) -> bytes:

@@ -99,7 +99,7 @@ def fit(
     folder = Path(out) if out is not None else Path("runs") / clip.name
     where = torch.device(choose_device(device))
     if resume:
-        run = _resumed(folder, clip, where)
+        run = _resumed(folder, clip, where, progress)
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
         check_names(config.loss)
@@ -109,7 +109,8 @@ def fit(
         run = _fresh(folder, clip, config, where, seed, budget, begin, rebuild_cache, progress)
     if steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
-    run.loop(begin, progress)
+    with _says_how_to_resume(folder):
+        run.loop(begin, progress)
     return folder
 
 
@@ -138,24 +139,40 @@ def _fresh(
     progress: bool,
 ) -> Run:
     prepared = prepare_in_stages(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
-    pool, first = prepared.pool, None
-    if config.data.masks == rigid.RIGID_FIRST:
-        alone = rigid.rigid_config(config)
-        first = Run(
-            folder / rigid.FOLDER, ClipFacts.of(clip), alone, _model(alone, clip, pool, device, seed), pool, seed
-        )
-        first.budget = budget.part(rigid.SHARE, time.monotonic() - begin)
-        first.loop(time.monotonic(), progress)
-        pool = rigid.seeded(pool, clip, prepared.grid, first.model)
-        rigid.save_motion(folder, pool)
-    model = _model(config, clip, pool, device, seed)
-    if first is not None:
-        model.load_state_dict(first.model.state_dict(), strict=False)  # the static volume goes on from there
-    for former in ("previews", "tensorboard"):
+    pool, facts = prepared.pool, ClipFacts.of(clip)
+    for former in ("previews", "tensorboard", rigid.FOLDER):
         shutil.rmtree(folder / former, ignore_errors=True)
     with replacing(folder / "config.yaml") as file:
         file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
-    return Run(folder, ClipFacts.of(clip), config, model, pool, seed)
+    run = Run(folder, facts, config, _model(config, clip, pool, device, seed), pool, seed)
+    if config.data.masks != rigid.RIGID_FIRST:
+        return run
+    run.budget, run.elapsed = budget, time.monotonic() - begin
+    run.save()  # not yet prepared, which is how --resume knows that the static volume comes first
+    pool, model, _ = _rigid_stage(run, clip, prepared.grid, progress)
+    return Run(folder, facts, config, model, pool, seed)
+
+
+def _rigid_stage(run: Run, clip: Clip, grid: tuple[int, int], progress: bool) -> tuple[Pool, DecoMotion, float]:
+    """Fits the static volume alone, or goes on where that was interrupted.
+
+    Returns the pool and the model with which `run` begins, and the seconds that the stage had taken before.
+    """
+    folder, config = run.folder / rigid.FOLDER, rigid.rigid_config(run.config)
+    first = Run(folder, run.clip, config, _model(config, clip, run.pool, run.device, run.seed), run.pool, run.seed)
+    first.budget = run.budget.part(rigid.SHARE, run.elapsed)
+    if (folder / checkpoint.FILE_NAME).is_file():
+        saved = checkpoint.load(folder / checkpoint.FILE_NAME, run.device)
+        first.model.load_state_dict(saved.model.state_dict())
+        first.restore(saved.training)
+    before = first.elapsed
+    with _says_how_to_resume(run.folder):
+        first.loop(time.monotonic(), progress)
+    pool = rigid.seeded(run.pool, clip, grid, first.model)
+    rigid.save_motion(run.folder, pool)
+    model = _model(run.config, clip, pool, run.device, run.seed)
+    model.load_state_dict(first.model.state_dict(), strict=False)  # the static volume goes on from there
+    return pool, model, before
 
 
 def _model(config: Config, clip: Clip, pool: Pool, device: torch.device, seed: int) -> DecoMotion:
@@ -166,19 +183,25 @@ def _model(config: Config, clip: Clip, pool: Pool, device: torch.device, seed: i
     return DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
 
 
-def _resumed(folder: Path, clip: Clip, device: torch.device) -> Run:
+def _resumed(folder: Path, clip: Clip, device: torch.device, progress: bool) -> Run:
     saved = checkpoint.load(folder / checkpoint.FILE_NAME, device)
     if saved.clip.digest != clip.digest():
         raise CheckpointError(
             f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
             f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
         )
-    pool = prepare_in_stages(clip, saved.config.data, device=str(device)).pool
-    if saved.config.data.masks == rigid.RIGID_FIRST:
-        pool = rigid.load_motion(folder, pool)
-    run = Run(folder, saved.clip, saved.config, saved.model, pool, saved.training["seed"])
+    prepared = prepare_in_stages(clip, saved.config.data, device=str(device))
+    rigid_first, seed = saved.config.data.masks == rigid.RIGID_FIRST, saved.training["seed"]
+    in_rigid_stage = rigid_first and not saved.training["prepared"]
+    pool = rigid.load_motion(folder, prepared.pool) if rigid_first and not in_rigid_stage else prepared.pool
+    run = Run(folder, saved.clip, saved.config, saved.model, pool, seed)
     run.restore(saved.training)
-    return run
+    if not in_rigid_stage:
+        return run
+    pool, model, before = _rigid_stage(run, clip, prepared.grid, progress)
+    begun = Run(folder, saved.clip, saved.config, model, pool, seed)
+    begun.budget, begun.elapsed = run.budget, run.elapsed + before
+    return begun
 
 
 def start_maps(kind: str, pool: Pool) -> torch.Tensor:
@@ -260,7 +283,7 @@ class Run:
                     saved = time.monotonic()
             self.save()
         if done < 1:
-            log.info("stopped at step %d; the same command with --resume goes on (--out %s)", self.step, self.folder)
+            log.info("stopped at step %d", self.step)
             raise KeyboardInterrupt
         self.preview(None)
 
@@ -352,6 +375,15 @@ def _show(bar: Any, run: Run, losses: dict[str, float]) -> None:
     left = optimising / max(run.progress, 1e-6) - optimising
     shown = "  ".join(f"{name} {value:.2f}" for name, value in losses.items() if name.startswith("flow"))
     bar.set_postfix_str(f"step {run.step}  {run.step / optimising:.1f}/s  {left / 60:.1f} min left  {shown}")
+
+
+@contextmanager
+def _says_how_to_resume(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        log.info("decomo-train on the same clip with --resume --out %s goes on", folder)
+        raise
 
 
 @contextmanager

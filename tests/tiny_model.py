@@ -18,7 +18,7 @@ GRAPH = """
 <ir_version: 9, opset_import: ["" : 18]>
 constant_velocity (float[N,3] queries, int64[M] frames) => (
     float[N,M,2] tracks, float[N,M] occlusion, float[N,3] rgb, float[N,3] rgb_static, float[N,3] rgb_dynamic,
-    float[N] static_confidence, float[N] depth)
+    float[N] static_confidence, float[N] depth, float[N] static_opacity)
 <float[2] velocity = {1.5, -0.5}, float num_frames = {NUM_FRAMES}, float half = {0.5}, float quarter = {0.25},
  int64[1] first = {0}, int64[1] middle = {1}, int64[1] last = {-1}, int64[1] three = {3}>
 {
@@ -38,6 +38,7 @@ constant_velocity (float[N,3] queries, int64[M] frames) => (
     time = Squeeze(t, last)
     static_confidence = Div(time, num_frames)
     depth = Mul(time, quarter)
+    static_opacity = Mul(static_confidence, half)
 }
 """
 

@@ -25,7 +25,8 @@ class TrueTracker:
         queries = np.asarray(queries, np.float32)
         confidence = np.where(on_square(queries[:, 1:], queries[:, 0]), 0, self.static).astype(np.float32)
         grey = np.full((len(queries), 3), 0.5, np.float32)
-        return Appearance(grey, grey, grey, confidence, np.ones(len(queries), np.float32))
+        one = np.ones(len(queries), np.float32)
+        return Appearance(grey, grey, grey, confidence, one, one)
 
     def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
         queries = np.asarray(queries, np.float32)

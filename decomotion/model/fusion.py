@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -29,6 +30,8 @@ class PairConditioning(NamedTuple):
 class Rays:
     """Ray samples of both volumes at some pixels of some frames. Local positions are normalised."""
 
+    xy: Float[Tensor, "batch point 2"]
+    """Of the pixels, normalised."""
     depths: Float[Tensor, "batch point sample"]
     static_canonical: Float[Tensor, "batch point sample 3"]
     dynamic_canonical: Float[Tensor, "batch point sample 3"]
@@ -38,6 +41,16 @@ class Rays:
     """The static volume's share of each sample's weight after fusion."""
     fused_dynamic: Float[Tensor, "batch point sample"]
     """The dynamic volume's."""
+
+    @cached_property
+    def alone_static(self) -> Float[Tensor, "batch point sample"]:
+        """Weights of the samples where the static volume is alone."""
+        return composite_weights(self.static.density)
+
+    @cached_property
+    def alone_dynamic(self) -> Float[Tensor, "batch point sample"]:
+        """And where the dynamic volume is."""
+        return composite_weights(self.dynamic.density)
 
     @property
     def opacity(self) -> Float[Tensor, "batch point"]:
@@ -52,6 +65,16 @@ class Rays:
     def fused_colour(self) -> Float[Tensor, "batch point 3"]:
         """C_cb: colour of the fused volume."""
         return composite(self.fused_static, self.static.colour) + composite(self.fused_dynamic, self.dynamic.colour)
+
+
+class Carried(NamedTuple):
+    """Points of one volume that stand for its ray samples, and their weights."""
+
+    canonical: Float[Tensor, "pair point carried 3"]
+    alone: Float[Tensor, "pair point carried"]
+    """Where the volume is alone."""
+    fused: Float[Tensor, "pair point carried"]
+    """In the fusion."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +153,8 @@ class DecoMotion(nn.Module):
         batch, points = xy.shape[:2]
         depths = sample_depths(xy, config.samples, generator)
         depths = depths.expand(batch, points, config.samples)
-        local = lift(self.plane.normalise(xy), depths).flatten(1, 2)
+        normalised = self.plane.normalise(xy)
+        local = lift(normalised, depths).flatten(1, 2)
         shape = (batch, points, config.samples, 3)
         u = self.static.to_canonical(local, conditioning.static, frame).reshape(shape)
         v = self.dynamic.to_canonical(local, conditioning.dynamic, frame).reshape(shape)
@@ -138,7 +162,7 @@ class DecoMotion(nn.Module):
         # a static volume alone has nothing to share the ray with; where there is none, the empty one's beta is 0
         beta = torch.ones_like(static.confidence) if config.volumes == "static" else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
-        return Rays(depths, u, v, static, dynamic, weights.static, weights.dynamic)
+        return Rays(normalised, depths, u, v, static, dynamic, weights.static, weights.dynamic)
 
     def predict(
         self,
@@ -161,57 +185,57 @@ class DecoMotion(nn.Module):
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
         )
         rays = self.cast(xy, here, generator=generator)
-        alone_static = composite_weights(rays.static.density)
-        alone_dynamic = composite_weights(rays.dynamic.density)
-        static, (of_static, fused_static) = self.to_carry(
-            xy, rays, rays.static_canonical, (alone_static, rays.fused_static), self.static, here.static
-        )
-        dynamic, (of_dynamic, fused_dynamic) = self.to_carry(
-            xy, rays, rays.dynamic_canonical, (alone_dynamic, rays.fused_dynamic), self.dynamic, here.dynamic
-        )
+        (static, of_static, fused_static), (dynamic, of_dynamic, fused_dynamic) = self.to_carry(rays, here)
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
         fused = composite(fused_static, u) + composite(fused_dynamic, v)
         # a deferred point of the fusion means nothing where its volume has no part in it
         alone = 1 if self.config.deferred else None
         return Prediction(
-            static_xy=self._project(composite(of_static, u), alone_static.sum(-1)),
-            dynamic_xy=self._project(composite(of_dynamic, v), alone_dynamic.sum(-1)),
+            static_xy=self._project(composite(of_static, u), rays.alone_static.sum(-1)),
+            dynamic_xy=self._project(composite(of_dynamic, v), rays.alone_dynamic.sum(-1)),
             fused_xy=self._project(fused, rays.opacity),
-            static_rgb=composite(alone_static, rays.static.colour),
-            dynamic_rgb=composite(alone_dynamic, rays.dynamic.colour),
+            static_rgb=composite(rays.alone_static, rays.static.colour),
+            dynamic_rgb=composite(rays.alone_dynamic, rays.dynamic.colour),
             fused_rgb=rays.fused_colour(),
             dynamic_feature=self._render_feature(of_dynamic, dynamic),
             static_confidence=rays.static_confidence,
             depths=rays.depths,
-            static_weights=alone_static,
-            dynamic_weights=alone_dynamic,
+            static_weights=rays.alone_static,
+            dynamic_weights=rays.alone_dynamic,
             static_depths=u[..., :alone, 2],
             dynamic_depths=v[..., :alone, 2],
             acceleration=self._acceleration((static[..., :alone, :], dynamic[..., :alone, :]), smooth_points, around),
         )
 
-    def to_carry(
-        self,
-        xy: Float[Tensor, "pair point 2"],
-        rays: Rays,
-        canonical: Float[Tensor, "pair point sample 3"],
-        weights: tuple[Float[Tensor, "pair point sample"], ...],
-        volume: Volume | EmptyVolume,
-        conditioning: Conditioning,
-    ) -> tuple[Float[Tensor, "pair point carried 3"], list[Float[Tensor, "pair point carried"]]]:
-        """The points that stand for a volume's ray samples `canonical` under each of `weights`, and their weights.
+    def to_carry(self, rays: Rays, conditioning: PairConditioning) -> tuple[Carried, Carried]:
+        """The points that stand for each volume's samples of `rays`, cast in the frames of `conditioning`.
 
-        They are the samples themselves or, where the model is `deferred`, one point for each of `weights`: the ray's
-        point at the weighted mean of the samples' depths, which takes their whole weight.
+        They are the samples themselves or, where the model is `deferred`, two points: the ray's points at the mean of
+        the samples' depths, weighted as in the volume alone and as in the fusion, which take their whole weight.
         """
         if not self.config.deferred:
-            return canonical, list(weights)
+            return (
+                Carried(rays.static_canonical, rays.alone_static, rays.fused_static),
+                Carried(rays.dynamic_canonical, rays.alone_dynamic, rays.fused_dynamic),
+            )
+        return (
+            self._deferred(rays, (rays.alone_static, rays.fused_static), self.static, conditioning.static),
+            self._deferred(rays, (rays.alone_dynamic, rays.fused_dynamic), self.dynamic, conditioning.dynamic),
+        )
+
+    def _deferred(
+        self,
+        rays: Rays,
+        weights: tuple[Float[Tensor, "pair point sample"], Float[Tensor, "pair point sample"]],
+        volume: Volume | EmptyVolume,
+        conditioning: Conditioning,
+    ) -> Carried:
         totals = torch.stack([of.sum(-1) for of in weights], dim=-1)
         depths = torch.stack([(of * rays.depths).sum(-1) for of in weights], dim=-1) / totals.clamp_min(1e-3)
-        local = lift(self.plane.normalise(xy), depths)
+        local = lift(rays.xy, depths)
         points = volume.to_canonical(local.flatten(1, 2), conditioning).reshape(local.shape)
-        return points, list(torch.diag_embed(totals).unbind(-2))
+        return Carried(points, *torch.diag_embed(totals).unbind(-2))
 
     def _project(self, local: Float[Tensor, "*batch 3"], opacity: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 2"]:
         xy = local[..., :2]

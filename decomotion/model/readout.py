@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from decomotion.model.fusion import DecoMotion, PairConditioning
+from decomotion.rays import lift
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def surface_of(
     is_static = rays.fused_static.sum(-1) >= rays.fused_dynamic.sum(-1)
     weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
-    points = torch.cat([model.plane.normalise(xy), depth[..., None]], dim=-1)
+    points = lift(model.plane.normalise(xy), depth[..., None])[..., 0, :]
     u = model.static.to_canonical(points, conditioning.static, frame)
     v = model.dynamic.to_canonical(points, conditioning.dynamic, frame)
     return Surface(torch.where(is_static[..., None], u, v), is_static)

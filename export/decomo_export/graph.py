@@ -49,8 +49,9 @@ class QueryGraph(nn.Module):
         Float[Tensor, "query 3"],
         Float[Tensor, " query"],
         Float[Tensor, " query"],
+        Float[Tensor, " query"],
     ]:
-        """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth."""
+        """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth, static_opacity."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
         surface = rays.surface() if self.bake == "none" else self.surfaces(xy, frame)
@@ -60,7 +61,8 @@ class QueryGraph(nn.Module):
         occlusion = self._occlusion(xy, frame, there.flatten(1), frames, at_home.flatten())
         rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
         tracks = there.permute(1, 2, 0)
-        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, rays.static_confidence(), rays.depth()
+        seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
+        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
 
     def _carry(
         self,

@@ -79,10 +79,17 @@ class FrozenRays:
         static, dynamic = self.shares()
         return static / (static + dynamic).clamp_min(1e-6)
 
+    def opacities(self) -> list[Float[Tensor, " point"]]:
+        """Total weight of each volume's samples where it is alone, at most 1."""
+        return [composite_weights(matter.density).sum(-1) for matter in self.matter]
+
     def colours(self) -> tuple[Float[Tensor, "3 point"], ...]:
-        """RGB in [0, 1]: fused, static alone, dynamic alone."""
+        """RGB in [0, 1]: fused; then static alone and dynamic alone, both as if they were opaque."""
         fused = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.weights, self.matter, strict=True)]
-        alone = [(composite_weights(matter.density) * matter.colour).sum(-1) for matter in self.matter]
+        alone = [
+            (composite_weights(matter.density) * matter.colour).sum(-1) / opacity.clamp_min(1e-3)
+            for matter, opacity in zip(self.matter, self.opacities(), strict=True)
+        ]
         return fused[0] + fused[1], *alone
 
 

@@ -9,11 +9,13 @@ Outputs
     tracks              float32 [N, M, 2]  (x, y) of each point in each frame, inside or outside the image
     occlusion           float32 [N, M]     score in [0, 1]; above the metadata's threshold: occluded
     rgb                 float32 [N, 3]     colour of the query's own ray in [0, 1], both volumes fused
-    rgb_static          float32 [N, 3]     the static volume alone
-    rgb_dynamic         float32 [N, 3]     the dynamic volume alone
+    rgb_static          float32 [N, 3]     the static volume alone, as if it were opaque
+    rgb_dynamic         float32 [N, 3]     the dynamic volume alone, likewise
     static_confidence   float32 [N]        rendered confidence that the point belongs to the static scene, in [0, 1]
     depth               float32 [N]        pseudo-depth of the ray, 0 (near) to 2 (far)
-The first two answer where M > 0; the others where M = 0, and are NaN, not computed, where M > 0.
+    static_opacity      float32 [N]        how opaque the static volume alone is, in [0, 1]; 0: it has a hole there
+The first two answer where M > 0; the others where M = 0, and are NaN, not computed, where M > 0. Files of an earlier
+version may lack the last, and have black in `rgb_static` where the static volume has a hole.
 """
 
 from __future__ import annotations
@@ -29,8 +31,10 @@ INPUTS = (QUERIES, FRAMES)
 
 TRACKS, OCCLUSION = "tracks", "occlusion"
 RGB, RGB_STATIC, RGB_DYNAMIC = "rgb", "rgb_static", "rgb_dynamic"
-STATIC_CONFIDENCE, DEPTH = "static_confidence", "depth"
-OUTPUTS = (TRACKS, OCCLUSION, RGB, RGB_STATIC, RGB_DYNAMIC, STATIC_CONFIDENCE, DEPTH)
+STATIC_CONFIDENCE, DEPTH, STATIC_OPACITY = "static_confidence", "depth", "static_opacity"
+OUTPUTS = (TRACKS, OCCLUSION, RGB, RGB_STATIC, RGB_DYNAMIC, STATIC_CONFIDENCE, DEPTH, STATIC_OPACITY)
+REQUIRED_OUTPUTS = OUTPUTS[:-1]
+"""Those that files of every version have."""
 
 META_FORMAT_VERSION = "decomotion.format_version"
 META_CLIP_NAME = "decomotion.clip_name"

@@ -87,7 +87,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
             f"upgrade with 'pip install -U decomotion', or export the model again"
         )
     _check_names("input", contract.INPUTS, [port.name for port in session.get_inputs()], path)
-    _check_names("output", contract.OUTPUTS, [port.name for port in session.get_outputs()], path)
+    _check_names("output", contract.REQUIRED_OUTPUTS, [port.name for port in session.get_outputs()], path)
     return ModelFacts(
         clip_name=_text(metadata, contract.META_CLIP_NAME, path),
         num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1),

@@ -61,7 +61,8 @@ def render(
 ) -> None:
     """Renders the clip that MODEL was fitted to, decomposed into static scene and moving objects.
 
-    Objects alone have an alpha channel; in .mp4, with --overlay and in the video of all layers they lie on chequers.
+    Objects alone, and the static scene where it was never seen, are transparent; in .mp4, with --overlay and in the
+    video of all layers they lie on chequers.
     All layers make one video side by side, or a folder for each.
     """
     import numpy as np
@@ -128,6 +129,12 @@ def _drawing(tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], mark: 
     from decomo_runtime.tracks import Tracks
 
     tracks = Tracks.load(path)
+    if tracks.size not in (None, (tracker.height, tracker.width)):
+        height, width = tracks.size
+        raise OverlayError(
+            f"{path} has tracks in frames of {width}x{height} but the model was fitted to frames of "
+            f"{tracker.width}x{tracker.height}; give tracks of this model"
+        )
     columns = {frame: column for column, frame in enumerate(tracks.frames.tolist())}
     missing = [frame for frame in frames.tolist() if frame not in columns]
     if missing or max(columns) >= tracker.num_frames:

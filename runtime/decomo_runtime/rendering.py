@@ -1,7 +1,7 @@
 """Pictures of a frame's layers, every pixel a ray of the model.
 
     fused     both volumes together: the clip as the model has it
-    static    the static volume alone: the scene, the objects gone
+    static    the static volume alone: the scene, the objects gone; with alpha: transparent where it was never seen
     dynamic   the objects alone, with alpha: 1 - static confidence
     mask      the motion mask: white on what moves
     depth     pseudo-depth by the perceptual colour map inferno: near is bright; one scale for all frames
@@ -30,11 +30,14 @@ Image = npt.NDArray[np.uint8]
 LAYERS = ("fused", "static", "dynamic", "mask", "depth")
 FARTHEST = 2.0
 """Pseudo-depth at the far end of every ray."""
+HOLE = 0.1
+"""Opacity of the static volume below which its layer becomes transparent."""
 
 
 def render(tracker: Tracker, frame: int, layers: Sequence[str], *, long_side: int | None = None) -> list[Image]:
-    """The `layers` of one frame, uint8 [H, W, 3] RGB; `dynamic` [H, W, 4] RGBA, alpha not premultiplied.
+    """The `layers` of one frame, uint8 [H, W, 3] RGB; `static` and `dynamic` [H, W, 4] RGBA.
 
+    Alpha is not premultiplied.
     Their longer side has `long_side` pixels, by default the clip's. Raises `RenderError` for an unknown layer or a size
     below 1, `QueryError` for a frame that the clip does not have.
     """
@@ -80,7 +83,9 @@ def picture(seen: Appearance, layer: str, size: tuple[int, int]) -> Image:
         return cv2.cvtColor(cv2.applyColorMap(near, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB).astype(np.uint8)
     if layer == "dynamic":
         return _bytes(np.column_stack([seen.rgb_dynamic, 1 - seen.static_confidence]), size)
-    return _bytes(seen.rgb if layer == "fused" else seen.rgb_static, size)
+    if layer == "static":
+        return _bytes(np.column_stack([seen.rgb_static, seen.static_opacity / HOLE]), size)
+    return _bytes(seen.rgb, size)
 
 
 def _bytes(values: npt.NDArray[np.float32], size: tuple[int, int]) -> Image:

@@ -39,13 +39,15 @@ class Appearance:
     """What the model sees along the rays of N queries; colours are RGB in [0, 1], all arrays float32."""
 
     rgb: npt.NDArray[np.float32]
-    """[N, 3], both volumes fused; the next two are the static and the dynamic volume alone."""
+    """[N, 3], both volumes fused; the next two are the static and the dynamic volume alone, as if they were opaque."""
     rgb_static: npt.NDArray[np.float32]
     rgb_dynamic: npt.NDArray[np.float32]
     static_confidence: npt.NDArray[np.float32]
     """[N], 1 where the point belongs to the static scene, 0 where it moves by itself."""
     depth: npt.NDArray[np.float32]
     """[N], pseudo-depth from 0 (near) to 2 (far)."""
+    static_opacity: npt.NDArray[np.float32]
+    """[N], 0 where the static volume has a hole: it has never seen the scene there. 1 in files that do not say."""
 
 
 class Tracker:
@@ -62,6 +64,7 @@ class Tracker:
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._session = open_session(self.path, providers, threads)
         self.facts = read_facts(self._session, self.path)
+        self._tells_opacity = contract.STATIC_OPACITY in {port.name for port in self._session.get_outputs()}
 
     @property
     def clip_name(self) -> str:
@@ -121,7 +124,8 @@ class Tracker:
             width = columns.stop - columns.start
             for rows in query_chunks(len(queries), chunk, width, self.facts.bytes_per_ray, max_memory):
                 xy[rows, columns], occlusion[rows, columns] = self._ask(outputs, queries[rows], frames[columns])
-        return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames)
+        size = self.height, self.width
+        return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames, size)
 
     def stream(
         self,
@@ -155,23 +159,24 @@ class Tracker:
         """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3]."""
         queries = check_queries(queries, self.facts)
         colours = np.empty((3, len(queries), 3), np.float32)
-        scalars = np.empty((2, len(queries)), np.float32)
+        scalars = np.ones((3, len(queries)), np.float32)
         outputs = (
             contract.RGB,
             contract.RGB_STATIC,
             contract.RGB_DYNAMIC,
             contract.STATIC_CONFIDENCE,
             contract.DEPTH,
+            *((contract.STATIC_OPACITY,) if self._tells_opacity else ()),
         )
         for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_ray, None):
             answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
-            colours[:, rows], scalars[:, rows] = answer[:3], answer[3:]
+            colours[:, rows], scalars[: len(answer) - 3, rows] = answer[:3], answer[3:]
         return Appearance(*colours, *scalars)
 
     def render(self, frame: int, layer: str = "fused", *, long_side: int | None = None) -> npt.NDArray[np.uint8]:
         """A picture of `frame` as the model has it, uint8 [H, W, 3] RGB; of the clip's size, or with that longer side.
 
-        `layer` is one of `fused`, `static`, `dynamic` ([H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
+        `layer` is one of `fused`, `static`, `dynamic` (both [H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
         """
         from decomo_runtime.rendering import render  # here, as tracking does without OpenCV
 

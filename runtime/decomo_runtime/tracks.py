@@ -32,12 +32,14 @@ class Tracks:
     """[N, 3], (t, x, y)."""
     frames: npt.NDArray[np.int64]
     """[M], the frame number of each column."""
+    size: tuple[int, int] | None = None
+    """(height, width) of the clip in pixels; None where a file does not say."""
 
     def save(self, path: str | Path) -> None:
         """Writes `path`, whole or not at all; its suffix chooses the form.
 
         npz: `queries` float32 [N, 3] (t, x, y), `tracks` float32 [N, M, 2] (x, y), `occluded` bool [N, M],
-        `occlusion` float32 [N, M], `frames` int64 [M].
+        `occlusion` float32 [N, M], `frames` int64 [M]; `height` and `width` int64 where the size is known.
         csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded,query_t,query_x,query_y`,
         occluded as 0 or 1, four decimals.
         """
@@ -55,7 +57,8 @@ class Tracks:
     def load(cls, path: str | Path) -> Tracks:
         """Reads a file that `save` wrote, or an npz of the same keys; without `frames` they count from 0.
 
-        A csv has no line for a point without frames, and four decimals. `TracksFileError` where it is another file.
+        A csv has no line for a point without frames, four decimals, and nothing of the clip's size. `TracksFileError`
+        where it is another file.
         """
         if Path(path).suffix.lower() == ".csv":
             return cls._read_csv(Path(path))
@@ -83,12 +86,16 @@ class Tracks:
                     f"{path}: {key} must be numbers of the shape {list(shape)}, got {arrays[key].dtype} of "
                     f"{list(arrays[key].shape)}; write it with 'decomo-track'"
                 )
+        told = [arrays[key] for key in ("height", "width") if key in arrays]
+        if any(value.shape != () or value.dtype.kind not in "iu" or value < 1 for value in told) or len(told) == 1:
+            raise TracksFileError(f"{path} must hold both height and width, as whole numbers from 1 on, or neither")
         return cls(
             arrays["tracks"].astype(np.float32),
             arrays["occluded"].astype(bool),
             arrays["occlusion"].astype(np.float32),
             arrays["queries"].astype(np.float32),
             arrays["frames"].astype(np.int64),
+            (int(told[0]), int(told[1])) if told else None,
         )
 
     @classmethod
@@ -120,6 +127,7 @@ class Tracks:
         )
 
     def _write_npz(self, path: Path) -> None:
+        size = {} if self.size is None else {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}
         with open(path, "wb") as file:
             np.savez_compressed(
                 file,
@@ -128,6 +136,7 @@ class Tracks:
                 occluded=self.occluded,
                 occlusion=self.occlusion,
                 frames=self.frames,
+                **size,
             )
 
     def _write_csv(self, path: Path) -> None:

@@ -61,6 +61,31 @@ def test_a_record_for_each_model(command: list[str], tmp_path: Path, capsys: pyt
     assert "| slide | " in capsys.readouterr().out
 
 
+def test_a_folder_of_runs(command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Two models of different clips below it; the mean is over them, rendered now or before."""
+    folder = tmp_path / "runs" / "slide-seed0"
+    folder.mkdir(parents=True)
+    (tmp_path / "m.onnx").rename(folder / "slide.onnx")
+    command[2] = str(tmp_path / "runs")
+    assert run(main, command) == 0
+    assert "mean" not in capsys.readouterr().out
+    entries = pickle.loads((tmp_path / "clips.pkl").read_bytes())
+    (tmp_path / "clips.pkl").write_bytes(pickle.dumps({**entries, "slow": entries["slide"]}))
+    masks = np.load(tmp_path / "masks.npz")["slide"]
+    np.savez(tmp_path / "masks.npz", slide=masks, slow=masks)
+    write_tiny_model(tmp_path / "runs" / "slow.onnx", num_frames=FRAMES, height=HEIGHT, width=WIDTH, clip_name="slow")
+    assert run(main, command) == 0
+    assert [line.split(" | ")[0] for line in capsys.readouterr().out.splitlines()[2:]] == [
+        "| slide",
+        "| slow",
+        "| mean",
+    ]
+    (tmp_path / "none").mkdir()
+    command[2] = str(tmp_path / "none")
+    assert run(main, command) == 2
+    assert "none holds no .onnx file" in capsys.readouterr().err
+
+
 def test_what_has_a_record_is_not_rendered_again(
     command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

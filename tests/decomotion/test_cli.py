@@ -127,7 +127,11 @@ class TestRefused:
             (["--steps", "5", "--time-budget", "5m"], "give --time-budget or --steps, not both"),
             (["--set", "optim.stepz=3"], "there is no key optim.stepz"),
             (["--set", "optim.steps=many"], "optim.steps: input should be a valid integer"),
-            (["--resume", "--set", "optim.steps=3"], "leave out --set, --config and what else decides it"),
+            (["--resume", "--set", "optim.steps=3", "--steps", "3"], "configuration and seed; leave out --set\n"),
+            (
+                ["--resume", "--preset", "cpu", "--seed", "0", "--rebuild-cache"],
+                "leave out --preset, --rebuild-cache, --s",
+            ),
             (["--resume"], "checkpoint.pt does not exist; train first"),
             (["--config", "nowhere.yaml"], "nowhere.yaml does not exist"),
             (["--masks", "nowhere"], "mask folder nowhere does not exist"),

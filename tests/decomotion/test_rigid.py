@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +17,7 @@ from decomotion.data.pool import UNKNOWN_MOTION
 from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError
 from decomotion.losses.robust_flow import SCALE, robust_flow_loss
-from decomotion.train import Budget, fit
+from decomotion.train import Budget, Run, fit
 from tiny_fit import FRAMES, SIZE, TINY_CPU, on_square, sliding_square
 
 CLIP = sliding_square()
@@ -52,11 +55,47 @@ def test_the_static_volume_has_its_share_of_the_run(run: Path):
     assert checkpoint.load(run / checkpoint.FILE_NAME).config == config()
 
 
+def test_the_static_volume_alone_is_regularised_as_in_the_whole_run():
+    weights = {name: config().loss[name] for name in ("distortion", "depth_range")}
+    assert rigid.rigid_config(config()).loss == {"flow_robust": 1.0, **weights}
+
+
 def test_the_whole_run_goes_on_from_it(tmp_path: Path):
     run = fit(CLIP, tmp_path / "run", config=config("optim.lr_field=1e-9"), steps=1, progress=False)
     alone, whole = (checkpoint.load(run / part / checkpoint.FILE_NAME).model for part in (rigid.FOLDER, "."))
     field = "static.head.weight"
     torch.testing.assert_close(whole.state_dict()[field], alone.state_dict()[field], atol=1e-6, rtol=0)
+
+
+def test_an_interrupted_rigid_stage_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    """The same bits as without the interruption, whether its checkpoint is from the middle or not yet there."""
+    straight = fit(CLIP, tmp_path / "straight", config=config(), steps=10, progress=False)
+    optimise = Run.optimise
+
+    def interrupted(run: Run, progress: float) -> dict[str, float]:
+        os.kill(os.getpid(), signal.SIGINT)
+        return optimise(run, progress)
+
+    broken = tmp_path / "broken"
+    with monkeypatch.context() as patch, caplog.at_level("INFO"):
+        patch.setattr(Run, "optimise", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            fit(CLIP, broken, config=config(), steps=10, progress=False)
+    assert f"--resume --out {broken} goes on" in caplog.text
+    assert checkpoint.load(broken / rigid.FOLDER / checkpoint.FILE_NAME).training["step"] == 1
+    early = tmp_path / "early"
+    shutil.copytree(broken, early)
+    shutil.rmtree(early / rigid.FOLDER)
+    expected = checkpoint.load(straight / checkpoint.FILE_NAME)
+    for folder in (broken, early):
+        fit(CLIP, folder, resume=True, progress=False)
+        found = checkpoint.load(folder / checkpoint.FILE_NAME)
+        assert found.training["step"] == 10
+        assert (folder / rigid.FOLDER / rigid.MOTION).is_file()
+        for name, value in expected.model.state_dict().items():
+            assert torch.equal(value, found.model.state_dict()[name]), name
 
 
 def test_a_resumed_run_has_the_same_masks(run: Path):

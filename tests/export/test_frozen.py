@@ -10,6 +10,7 @@ from torch import Tensor
 from decomo_export.baking import LEVELS, BakedSurfaces
 from decomo_export.graph import QueryGraph
 from decomo_export.lookup import CellGrid
+from decomotion.compositing import composite, composite_weights
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import answer, surface_of
 from tiny_fit import randomised, tiny_model
@@ -42,7 +43,9 @@ def random_queries(count: int) -> Tensor:
 @torch.no_grad()
 def test_the_same_answers_as_the_definition(model: DecoMotion):
     queries, frames = random_queries(40), torch.tensor([3, 0, 4, 4])
-    tracks, occlusion, rgb, rgb_static, rgb_dynamic, confidence, depth = QueryGraph(model, "none")(queries, frames)
+    tracks, occlusion, rgb, rgb_static, rgb_dynamic, confidence, depth, opacity = QueryGraph(model, "none")(
+        queries, frames
+    )
     frame, xy = queries[:, 0].long(), queries[:, 1:]
     conditioning = model.condition(torch.arange(FRAMES))
     expected = answer(model, conditioning, xy, frame, frames)
@@ -51,7 +54,11 @@ def test_the_same_answers_as_the_definition(model: DecoMotion):
     rays = model.cast(xy[:, None], conditioning, frame)
     torch.testing.assert_close(rgb, rays.fused_colour()[:, 0], rtol=0, atol=1e-4)
     torch.testing.assert_close(confidence, rays.static_confidence[:, 0], rtol=0, atol=1e-4)
-    assert rgb_static.shape == rgb_dynamic.shape == (40, 3)
+    alone = [composite_weights(matter.density)[:, 0] for matter in (rays.static, rays.dynamic)]
+    torch.testing.assert_close(opacity, alone[0].sum(-1), rtol=0, atol=1e-4)
+    for weights, matter, given in zip(alone, (rays.static, rays.dynamic), (rgb_static, rgb_dynamic), strict=True):
+        expected = composite(weights, matter.colour[:, 0]) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
+        torch.testing.assert_close(given, expected, rtol=0, atol=1e-3)
     assert ((depth >= 0) & (depth <= 2)).all()
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime import Appearance, QueryError, RenderError, Tracker
-from decomo_runtime.rendering import FARTHEST, LAYERS, picture, pixel_queries, raster_size, render
+from decomo_runtime.rendering import FARTHEST, HOLE, LAYERS, picture, pixel_queries, raster_size, render
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 
@@ -15,6 +15,7 @@ def seen(**given: Any) -> Appearance:
     """What is seen at the two pixels of a 1x2 picture."""
     colour, scalar = np.zeros((2, 3), np.float32), np.zeros(2, np.float32)
     values = {"rgb": colour, "rgb_static": colour, "rgb_dynamic": colour, "static_confidence": scalar, "depth": scalar}
+    values["static_opacity"] = scalar
     return Appearance(**(values | {name: np.array(value, np.float32) for name, value in given.items()}))
 
 
@@ -35,7 +36,7 @@ def test_another_size_covers_the_same_area(tracker: Tracker, long_side: int | No
     steps = np.array([WIDTH / shape[1], HEIGHT / shape[0]])
     np.testing.assert_allclose(queries[0, 1:], steps / 2 - 0.5, atol=1e-5)
     np.testing.assert_allclose(queries[-1, 1:], [WIDTH - 0.5, HEIGHT - 0.5] - steps / 2, atol=1e-5)
-    assert tracker.render(3, "static", long_side=long_side).shape == (*shape, 3)
+    assert tracker.render(3, "mask", long_side=long_side).shape == (*shape, 3)
 
 
 def test_layers_of_a_frame_are_asked_for_once(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
@@ -44,7 +45,7 @@ def test_layers_of_a_frame_are_asked_for_once(tracker: Tracker, monkeypatch: pyt
     monkeypatch.setattr(tracker, "sample", lambda queries: asked.append(len(queries)) or sample(queries))
     pictures = render(tracker, 1, LAYERS)
     assert asked == [HEIGHT * WIDTH]
-    assert [each.shape[2] for each in pictures] == [3, 3, 4, 3, 3]
+    assert [each.shape[2] for each in pictures] == [3, 4, 4, 3, 3]
     for layer, each in zip(LAYERS, pictures, strict=True):
         np.testing.assert_array_equal(tracker.render(1, layer), each)
 
@@ -57,6 +58,11 @@ def test_the_mask_is_white_on_what_moves():
 def test_objects_are_opaque_where_nothing_is_static():
     objects = picture(seen(rgb_dynamic=[[1, 0, 0], [0, 1, 0]], static_confidence=[1, 0.2]), "dynamic", (1, 2))
     assert objects.tolist() == [[[255, 0, 0, 0], [0, 255, 0, 204]]]
+
+
+def test_the_scene_is_transparent_where_it_has_a_hole():
+    scene = picture(seen(rgb_static=[[1, 0, 0], [0, 1, 0]], static_opacity=[HOLE, HOLE / 5]), "static", (1, 2))
+    assert scene.tolist() == [[[255, 0, 0, 255], [0, 255, 0, 51]]]
 
 
 def test_depth_goes_from_bright_to_dark_on_one_scale():

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from decomo_runtime import QueryError, Tracker
+from tiny_model import write_tiny_model
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 VELOCITY = np.array([1.5, -0.5], np.float32)
@@ -159,6 +160,21 @@ def test_sample(tracker: Tracker, count: int):
     np.testing.assert_allclose(appearance.rgb_dynamic, rgb / 4, atol=1e-6)
     np.testing.assert_allclose(appearance.static_confidence, queries[:, 0] / NUM_FRAMES, atol=1e-6)
     np.testing.assert_allclose(appearance.depth, queries[:, 0] / 4, atol=1e-6)
+    np.testing.assert_allclose(appearance.static_opacity, appearance.static_confidence / 2, atol=1e-6)
+
+
+def test_a_file_that_does_not_tell_opacity_is_opaque(tmp_path: Path):
+    """As those of an earlier version."""
+    path = write_tiny_model(
+        tmp_path / "old.onnx",
+        num_frames=NUM_FRAMES,
+        height=HEIGHT,
+        width=WIDTH,
+        rename={", float[N] static_opacity)": ")", "static_opacity = Mul(static_confidence, half)": ""},
+    )
+    appearance = Tracker(path).sample(QUERIES)
+    np.testing.assert_array_equal(appearance.static_opacity, 1)
+    np.testing.assert_allclose(appearance.depth, QUERIES[:, 0] / 4, atol=1e-6)
 
 
 def test_threads_share_one_tracker(tracker: Tracker):

@@ -20,6 +20,7 @@ def some_tracks(points: int = 3, frames: int = 4) -> Tracks:
         occlusion,
         rng.random((points, 3), np.float32),
         np.arange(frames) + 7,
+        (90, 160),
     )
 
 
@@ -31,6 +32,23 @@ def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int]):
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(again, field), getattr(tracks, field))
         assert getattr(again, field).dtype == getattr(tracks, field).dtype
+    assert again.size == (90, 160)
+
+
+def test_the_size_is_optional_but_not_half_of_it(tmp_path: Path):
+    tracks = some_tracks()
+    arrays = {
+        "queries": tracks.queries,
+        "tracks": tracks.xy,
+        "occluded": tracks.occluded,
+        "occlusion": tracks.occlusion,
+    }
+    np.savez(tmp_path / "old.npz", **arrays)
+    assert Tracks.load(tmp_path / "old.npz").size is None
+    for wrong in ({"width": 160}, {"width": 160, "height": 0}, {"width": [160], "height": [90]}):
+        np.savez(tmp_path / "wrong.npz", **arrays, **wrong)
+        with pytest.raises(TracksFileError, match="must hold both height and width"):
+            Tracks.load(tmp_path / "wrong.npz")
 
 
 def test_npz_keys(tmp_path: Path):
@@ -44,6 +62,8 @@ def test_npz_keys(tmp_path: Path):
         "occluded": ("bool", (3, 4)),
         "occlusion": ("float32", (3, 4)),
         "frames": ("int64", (4,)),
+        "height": ("int64", ()),
+        "width": ("int64", ()),
     }
 
 

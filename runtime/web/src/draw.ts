@@ -33,7 +33,7 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
   context.imageSmoothingQuality = "high";
   context.fillStyle = "#000";
   context.fillRect(0, 0, width, height);
-  if (scene.left) context.drawImage(scene.left, 0, 0, width, height);
+  if (scene.left) drawPicture(context, scene.left);
   if (scene.right) drawRight(context, scene.right, scene.split);
   const radius = markRadius(Math.max(width, height));
   for (const point of scene.points) drawTrail(context, point, scene, on, radius);
@@ -46,6 +46,30 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
 
 type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
 
+/** Grey chequers, and the picture on them: they show where it is transparent. */
+function drawPicture(context: Context, picture: CanvasImageSource): void {
+  const { width, height } = context.canvas;
+  ground ??= chequers();
+  context.fillStyle = context.createPattern(ground, "repeat") ?? "#999";
+  context.fillRect(0, 0, width, height);
+  context.drawImage(picture, 0, 0, width, height);
+}
+
+const CELL = 8;
+let ground: OffscreenCanvas | undefined;
+
+function chequers(): OffscreenCanvas {
+  const tile = new OffscreenCanvas(2 * CELL, 2 * CELL);
+  const context = tile.getContext("2d");
+  if (context === null) return tile;
+  context.fillStyle = "#999";
+  context.fillRect(0, 0, 2 * CELL, 2 * CELL);
+  context.fillStyle = "#ccc";
+  context.fillRect(CELL, 0, CELL, CELL);
+  context.fillRect(0, CELL, CELL, CELL);
+  return tile;
+}
+
 function drawRight(context: Context, picture: CanvasImageSource, split: number): void {
   const { width, height } = context.canvas;
   const x = Math.round(split * width);
@@ -53,7 +77,7 @@ function drawRight(context: Context, picture: CanvasImageSource, split: number):
   context.beginPath();
   context.rect(x, 0, width - x, height);
   context.clip();
-  context.drawImage(picture, 0, 0, width, height);
+  drawPicture(context, picture);
   context.restore();
   context.fillStyle = "#fff";
   context.fillRect(x - 1, 0, 2, height);

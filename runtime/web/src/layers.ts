@@ -14,8 +14,11 @@ const AHEAD_LEVEL = 1;
 const RAYS = { first: 512, least: 128, most: 16384 };
 const SECONDS_PER_REQUEST = 0.05;
 const FARTHEST = 2;
+/** Opacity of the static volume below which its layer becomes transparent. */
+const HOLE = 0.1;
 
-/** One frame's layers on one raster, RGBA. */
+/** One frame's layers on one raster, RGBA: the static scene is transparent where it was never seen, as `dynamic` where
+ * nothing moves. */
 export interface Raster extends Size {
   readonly level: number;
   readonly pixels: Readonly<Record<Rendered, ImageData>>;
@@ -134,18 +137,18 @@ export class LayerRenderer {
 }
 
 function paint(raster: Raster, first: number, seen: Appearance): void {
-  const colours = [
-    [raster.pixels.fused, seen.rgb],
-    [raster.pixels.static, seen.rgb_static],
-    [raster.pixels.dynamic, seen.rgb_dynamic],
-  ] as const;
   seen.depth.forEach((depth, ray) => {
     const at = (first + ray) * 4;
-    for (const [image, values] of colours) {
-      for (let channel = 0; channel < 3; channel++) image.data[at + channel] = 255 * (values[3 * ray + channel] ?? 0);
-      image.data[at + 3] = 255;
-    }
     const moving = 255 * (1 - (seen.static_confidence[ray] ?? 0));
+    const colours = [
+      [raster.pixels.fused, seen.rgb, 255],
+      [raster.pixels.static, seen.rgb_static, (255 / HOLE) * (seen.static_opacity[ray] ?? 1)],
+      [raster.pixels.dynamic, seen.rgb_dynamic, moving],
+    ] as const;
+    for (const [image, values, alpha] of colours) {
+      for (let channel = 0; channel < 3; channel++) image.data[at + channel] = 255 * (values[3 * ray + channel] ?? 0);
+      image.data[at + 3] = alpha;
+    }
     const near = 255 * (1 - depth / FARTHEST);
     raster.pixels.mask.data.set([moving, moving, moving, 255], at);
     raster.pixels.depth.data.set([near, near, near, 255], at);

@@ -26,7 +26,7 @@ export function tracksCsv(points: readonly Point[]): string {
 }
 
 /** The arrays of `decomo-track --out tracks.npz`. */
-export function tracksNpz(points: readonly Point[], { numFrames }: ModelFacts): Uint8Array {
+export function tracksNpz(points: readonly Point[], { numFrames, width, height }: ModelFacts): Uint8Array {
   const count = points.length;
   const flat = (values: (point: Point) => Iterable<number>): number[] => points.flatMap((point) => [...values(point)]);
   const arrays = {
@@ -35,6 +35,8 @@ export function tracksNpz(points: readonly Point[], { numFrames }: ModelFacts): 
     occluded: writeNpy("|b1", [count, numFrames], flat(({ track }) => track.occluded.map(Number))),
     occlusion: writeNpy("<f4", [count, numFrames], flat(({ track }) => track.occlusion)),
     frames: writeNpy("<i8", [numFrames], Array.from({ length: numFrames }, (_, frame) => frame)),
+    height: writeNpy("<i8", [], [height]),
+    width: writeNpy("<i8", [], [width]),
   };
   return zipSync(Object.fromEntries(Object.entries(arrays).map(([key, bytes]) => [`${key}.npy`, bytes])));
 }

@@ -6,7 +6,18 @@
 
 export const FORMAT_VERSION = 1;
 export const INPUTS = ["queries", "frames"] as const;
-export const OUTPUTS = ["tracks", "occlusion", "rgb", "rgb_static", "rgb_dynamic", "static_confidence", "depth"] as const;
+export const OUTPUTS = [
+  "tracks",
+  "occlusion",
+  "rgb",
+  "rgb_static",
+  "rgb_dynamic",
+  "static_confidence",
+  "depth",
+  "static_opacity",
+] as const;
+/** Those that files of every version have. */
+const REQUIRED_OUTPUTS = OUTPUTS.slice(0, -1);
 
 const WRITE_ONE = "write one with 'decomo-export'";
 
@@ -39,7 +50,7 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     );
   }
   requireNames("input", INPUTS, file.inputs, name);
-  requireNames("output", OUTPUTS, file.outputs, name);
+  requireNames("output", REQUIRED_OUTPUTS, file.outputs, name);
   const text = (key: string): string => {
     const value = file.metadata.get(`decomotion.${key}`);
     if (value === undefined) {

@@ -9,6 +9,8 @@ export interface Appearance {
   readonly rgb_dynamic: Float32Array;
   readonly static_confidence: Float32Array;
   readonly depth: Float32Array;
+  /** 1 in files that do not say. */
+  readonly static_opacity: Float32Array;
 }
 
 export interface Tracked {

@@ -6,6 +6,7 @@ import type { Answer, Appearance, Backend, Opened, Request, Tracked } from "./pr
 type Runtime = typeof Ort;
 
 const ERRORS_ONLY = "error";
+const LOOKS = ["rgb", "rgb_static", "rgb_dynamic", "static_confidence", "depth", "static_opacity"] as const;
 
 /** Answers the page's requests with `ort`, whose binary is `runtime/<backend>.wasm.gz`. */
 export function serve(ort: Runtime): void {
@@ -22,7 +23,7 @@ export function serve(ort: Runtime): void {
     if (session === undefined) throw new Error("no model is open");
     return request.kind === "track"
       ? ask(ort, session, ["tracks", "occlusion"], request.args.queries, request.args.numFrames)
-      : ask(ort, session, ["rgb", "rgb_static", "rgb_dynamic", "static_confidence", "depth"], request.args.queries, 0);
+      : ask(ort, session, LOOKS, request.args.queries, 0);
   }
 
   self.onmessage = ({ data: request }: MessageEvent<Request>) => {
@@ -72,6 +73,7 @@ async function ask<Name extends string>(
     queries: new ort.Tensor("float32", queries, [queries.length / 3, 3]),
     frames: new ort.Tensor("int64", frames, [numFrames]),
   };
-  const answers = await session.run(inputs, outputs);
-  return Object.fromEntries(outputs.map((name) => [name, answers[name]?.data])) as Record<Name, Float32Array>;
+  const answers = await session.run(inputs, outputs.filter((name) => session.outputNames.includes(name)));
+  const opaque = new Float32Array(queries.length / 3).fill(1);
+  return Object.fromEntries(outputs.map((name) => [name, answers[name]?.data ?? opaque])) as Record<Name, Float32Array>;
 }
