@@ -93,9 +93,11 @@ class Objects:
         core = self._core(frame)
         if not core.any():
             return core
-        joined = (self._difference(frame, core) > DIFFERENT).astype(np.uint8)
-        joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))  # an edge a hair out of place
-        joined = cv2.morphologyEx(joined | core, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        different = (self._difference(frame, core) > DIFFERENT).astype(np.uint8)
+        different = cv2.morphologyEx(different, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))  # edges a hair out of place
+        joined = np.asarray(
+            cv2.morphologyEx(different | core.view(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        )
         _, parts = cv2.connectedComponents(joined, connectivity=8)
         return np.isin(parts, np.unique(parts[core])) & (joined > 0)
 

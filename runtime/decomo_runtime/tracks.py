@@ -6,6 +6,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -127,17 +128,17 @@ class Tracks:
         )
 
     def _write_npz(self, path: Path) -> None:
-        size = {} if self.size is None else {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}
+        arrays: dict[str, Any] = {
+            "queries": self.queries,
+            "tracks": self.xy,
+            "occluded": self.occluded,
+            "occlusion": self.occlusion,
+            "frames": self.frames,
+        }
+        if self.size is not None:
+            arrays |= {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}
         with open(path, "wb") as file:
-            np.savez_compressed(
-                file,
-                queries=self.queries,
-                tracks=self.xy,
-                occluded=self.occluded,
-                occlusion=self.occlusion,
-                frames=self.frames,
-                **size,
-            )
+            np.savez_compressed(file, **arrays)
 
     def _write_csv(self, path: Path) -> None:
         point, column = np.indices(self.occluded.shape).reshape(2, -1)
