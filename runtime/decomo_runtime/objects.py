@@ -93,11 +93,10 @@ class Objects:
         core = self._core(frame)
         if not core.any():
             return core
+        pixels = np.ones((2, 2), np.uint8)
         different = (self._difference(frame, core) > DIFFERENT).astype(np.uint8)
-        different = cv2.morphologyEx(different, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))  # edges a hair out of place
-        joined = np.asarray(
-            cv2.morphologyEx(different | core.view(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        )
+        kept = np.asarray(cv2.morphologyEx(different, cv2.MORPH_OPEN, pixels)) > 0  # not edges a hair out of place
+        joined = cv2.morphologyEx((kept | core).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         _, parts = cv2.connectedComponents(joined, connectivity=8)
         return np.isin(parts, np.unique(parts[core])) & (joined > 0)
 
