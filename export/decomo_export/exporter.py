@@ -68,7 +68,7 @@ def export(
     loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
     graph = QueryGraph(loaded.model.eval(), bake).eval()
     whole = _trace(graph)
-    parity = measure(graph, whole)
+    parity = measure(graph, _on_demand(whole))
     proto = reduce_precision(whole, precision)
     differs = Deviation(0.0, 0.0)
     if precision != "fp32":
@@ -79,7 +79,7 @@ def export(
             f"{differs.p99:.2g} px at the 99th percentile (limit {LIMIT_PIXELS}); nothing was written; export with "
             "another --precision, or with --force"
         )
-    compute_on_demand(proto)
+    proto = _on_demand(proto)
     _name_axes(proto)
     proto.ir_version = contract.IR_VERSION
     onnx.helper.set_model_props(proto, _metadata(loaded, graph, precision, differs))
@@ -87,6 +87,14 @@ def export(
     with replacing(path) as temporary:
         onnx.save(proto, temporary)
     return Exported(Path(path), Path(path).stat().st_size, parity, differs)
+
+
+def _on_demand(whole: onnx.ModelProto) -> onnx.ModelProto:
+    """A copy that computes what is asked for and no more."""
+    proto = onnx.ModelProto()
+    proto.CopyFrom(whole)
+    compute_on_demand(proto)
+    return proto
 
 
 def _trace(graph: QueryGraph) -> onnx.ModelProto:

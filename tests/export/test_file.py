@@ -26,6 +26,7 @@ AXES = {
     contract.RGB_DYNAMIC: ("N", 3),
     contract.STATIC_CONFIDENCE: ("N",),
     contract.DEPTH: ("N",),
+    contract.STATIC_OPACITY: ("N",),
 }
 TYPES = {contract.FRAMES: TensorProto.INT64}
 RUN_BY_1_18 = (

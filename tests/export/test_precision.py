@@ -35,6 +35,7 @@ def test_float16_weights_of_a_fully_baked_model(canonical: Export):
 def test_a_large_deviation_is_refused(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     proto = onnx.ModelProto()
     monkeypatch.setattr(exporter, "_trace", lambda graph: fitted.proto())
+    monkeypatch.setattr(exporter, "_on_demand", lambda whole: whole)
     monkeypatch.setattr(exporter, "reduce_precision", lambda whole, precision: proto)
     monkeypatch.setattr(exporter, "deviation", lambda *_: Deviation(0.3, 0.75))
     with pytest.raises(
