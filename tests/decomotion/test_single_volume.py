@@ -98,8 +98,9 @@ def test_previews_show_the_other_volume_empty():
     fused, static, objects, confidence, _ = np.split(picture, 5, axis=1)
     assert not static.any()
     assert not confidence.any()
-    # fused alone is darker where the ray is not yet opaque
-    np.testing.assert_allclose(fused.astype(int), objects.astype(int), atol=1)
+    # the fused picture is darker where the ray is not yet opaque
+    assert objects.any()
+    assert (fused <= objects.astype(int) + 1).all()
     _, static, objects, confidence, _ = np.split(
         render_layers(tiny_model("cpu", overrides=("model.volumes=static",)), 0), 5, axis=1
     )
