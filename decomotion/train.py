@@ -37,6 +37,8 @@ from decomotion.shots import check_one_shot
 log = logging.getLogger(__name__)
 
 
+MOST_OF_IT = 0.6
+"""Share of a run's time from which preparation is worth a warning."""
 MIN_SECONDS = 1.0
 """A run optimises for this long even where preparation has used up its time."""
 
@@ -259,6 +261,12 @@ class Run:
         if not self.step:
             self.prepared = self.elapsed = time.monotonic() - begin
             self.save()  # from here on --resume finds this run, not a former one in the same folder
+            if self.budget.seconds and self.prepared > MOST_OF_IT * self.budget.seconds:
+                log.warning(
+                    "preparation took %d of the %d seconds: expect a poor fit; give a longer --time-budget",
+                    self.prepared,
+                    self.budget.seconds,
+                )
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.step)
         saved = shown = time.monotonic()
         pictures = int(self.progress * self.config.log.previews)

@@ -216,6 +216,10 @@ class TestBudget:
         assert 2 <= time.monotonic() - begin < 6
         assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] > 2
 
+    def test_of_which_preparation_takes_most(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=1e-3, progress=False)
+        assert "expect a poor fit; give a longer --time-budget" in caplog.text
+
     def test_by_hand(self):
         assert Budget(steps=8).progress(2, 99.0, 9.0) == 0.25
         ten_minutes = Budget(steps=8, seconds=600.0)
