@@ -33,6 +33,8 @@ CELL = 2
 """Descriptors along a cell's side."""
 CHANNELS = 64
 """Of a descriptor after PCA."""
+SAMPLE_STRIDE, SAMPLE_FRAMES = 4, 8
+"""The PCA is of every so many-th frame, of this many frames at most."""
 COLOUR_WEIGHT = 2.0
 """Of the Lab colours, in [-0.5, 0.5], beside the two SIFT descriptors of unit norm."""
 COLOUR_BLUR = 1.5
@@ -41,6 +43,8 @@ REACH = 2
 """Descriptors on each side of a cell's best match among which it is refined."""
 MUTUAL_CELLS = 1.5
 """A match is mutual if the way there and back ends this near to where it began."""
+BLOCK = 256
+"""Cells that are compared at a time with all of another frame."""
 NEIGHBOURHOOD = 2
 """Cells around a match that are asked whether they moved likewise: up to this many rows and columns away."""
 LIKEWISE_CELLS = 0.75
@@ -85,8 +89,7 @@ class MatchStore:
     def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
         with torch.inference_mode():
             cells_a, cells_b = _pooled(a), _pooled(b)
-            similarity = cells_a.flatten(0, 1) @ cells_b.flatten(0, 1).T
-            best_ab, best_ba = similarity.argmax(1), similarity.argmax(0)
+            best_ab, best_ba = _nearest(cells_a, cells_b), _nearest(cells_b, cells_a)
             width = cells_a.shape[1]
             return (
                 self._judged(_refined(cells_a, b, best_ab), _returns(best_ab, best_ba, width)),
@@ -102,9 +105,14 @@ class MatchStore:
 def describe(clip: Clip) -> Float[Tensor, "frame h w channel"]:
     """Descriptors of every frame, float16 of unit norm."""
     sift = DenseSift()
-    samples = [_describe(frame, sift)[::2, ::2] for frame in clip.frames[::4]]
-    reduce = fit_reduction(np.stack(samples), CHANNELS)
-    return torch.from_numpy(np.stack([reduce(_describe(frame, sift)).astype(np.float16) for frame in clip.frames]))
+    sampled = range(0, len(clip), max(SAMPLE_STRIDE, -(-len(clip) // SAMPLE_FRAMES)))
+    samples = {frame: _describe(clip.frames[frame], sift) for frame in sampled}
+    reduce = fit_reduction(np.stack([sample[::2, ::2] for sample in samples.values()]), CHANNELS)
+    maps = []
+    for frame in range(len(clip)):
+        described = samples.pop(frame) if frame in samples else _describe(clip.frames[frame], sift)
+        maps.append(torch.from_numpy(reduce(described).astype(np.float16)))
+    return torch.stack(maps)
 
 
 def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.float32]:
@@ -120,6 +128,15 @@ def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.f
 def _pooled(image: Float[Tensor, "h w channel"]) -> Float[Tensor, "row column channel"]:
     """Means of squares of 2 x 2."""
     return (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2]) / 4
+
+
+def _nearest(
+    cells: Float[Tensor, "row column channel"], others: Float[Tensor, "row column channel"]
+) -> Int[Tensor, " cell"]:
+    """The most similar of `others` for each cell; in blocks of products that stay in the processor's cache."""
+    all_others = others.flatten(0, 1).T
+    blocks = cells.flatten(0, 1).split(BLOCK)
+    return torch.from_numpy(np.concatenate([(block @ all_others).numpy().argmax(1) for block in blocks]))
 
 
 def _refined(
@@ -169,13 +186,14 @@ def supporters(displacement: Float[Tensor, "h w 2"], mutual: Bool[Tensor, "h w"]
     """How many of the cells around each, itself not counted, have a mutual match that moved likewise."""
     height, width = mutual.shape
     reach = NEIGHBOURHOOD
-    padded = F.pad(displacement.permute(2, 0, 1), [reach] * 4)
+    moved = displacement.permute(2, 0, 1).contiguous()
+    padded = F.pad(moved, [reach] * 4)
     also = F.pad(mutual, [reach] * 4)
     count = torch.zeros(height, width, dtype=torch.int64)
     for down in range(2 * reach + 1):
         for right in range(2 * reach + 1):
             if (down, right) != (reach, reach):
-                around = padded[:, down : down + height, right : right + width].permute(1, 2, 0)
-                alike = (around - displacement).norm(dim=-1) < LIKEWISE_CELLS
+                away = padded[:, down : down + height, right : right + width] - moved
+                alike = torch.hypot(away[0], away[1]) < LIKEWISE_CELLS
                 count += alike & also[down : down + height, right : right + width]
     return count

@@ -21,13 +21,14 @@ from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.filtering import Grid, build_filtered
 from decomotion.data.flow import FlowEstimator, build_flow
+from decomotion.data.memory import kept_memory
 from decomotion.data.motion import WITHOUT_MASKS, build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.data.tracks import UserTracks, read_tracks
 from decomotion.errors import SupervisionError
 
-VERSIONS = {"links": 5, "features": 1, "filter": 1, "motion": 3}
+VERSIONS = {"links": 6, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 MIN_POINTS = 256
@@ -69,10 +70,11 @@ def prepare_in_stages(
     work = _Work(clip, config, progress, device)
     remove_abandoned(work.root)
     work.check(rebuild)
-    records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
-    if work.filters_on:
-        records.append(work.filter.run(work.build_filter, rebuild))
-    records.append(work.motion.run(work.build_motion, rebuild))
+    with kept_memory():
+        records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
+        if work.filters_on:
+            records.append(work.filter.run(work.build_filter, rebuild))
+        records.append(work.motion.run(work.build_motion, rebuild))
     pool = open_pool([record.folder for record in records], work.longer_side)
     return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.rendering import HOLE, look, raster_size
+from decomo_runtime.scene_motion import interpolate
 
 if TYPE_CHECKING:
     from decomo_runtime.scene_motion import SceneMotion
@@ -71,7 +72,7 @@ class Objects:
         return np.clip((GROWN + FEATHER - distance * (256 / max(height, width))) / FEATHER, 0, 1).astype(np.float32)
 
     def scene(self, frame: int) -> Floats:
-        """What the static volume has, [H, W, 3], 0 to 255, soft; 0 where it has a hole."""
+        """What the static volume has, [H, W, 3], 0 to 255, soft; continued smoothly where it has a hole."""
         size = self._tracker.height, self._tracker.width
         return _enlarged(self._look(frame)[..., 1:].astype(np.float32), size)
 
@@ -79,9 +80,10 @@ class Objects:
         """[h, w, 4], as rendered: how much a pixel moves, 0 to 1, and `scene`."""
         if frame not in self._looks:
             seen = look(self._tracker, frame, self._rendered)
-            scene = 255 * seen.rgb_static * (seen.static_opacity > HOLE)[:, None]
-            both = np.column_stack([1 - seen.static_confidence, scene])
-            self._looks[frame] = both.reshape(*self._rendered, 4).astype(np.float16)
+            known = (seen.static_opacity > HOLE).astype(np.float32).reshape(self._rendered)
+            scene = interpolate(255 * seen.rgb_static.reshape(*self._rendered, 3), known)
+            moving = 1 - seen.static_confidence.reshape(*self._rendered, 1)
+            self._looks[frame] = np.concatenate([moving, scene], axis=2).astype(np.float16)
         return self._looks[frame]
 
     def _core(self, frame: int) -> Mask:

@@ -3,8 +3,8 @@
 A pixel that an object (`objects.py`) hides is followed along the motion of the static scene (`scene_motion.py`) to the
 frames, nearest in time first, where no object covers it; the median of the colours found there replaces it. Before that
 each frame is brought to the exposure of the one being made. What no frame shows is taken from the static volume,
-shifted smoothly to meet the colours around it, or where that has a hole continued from them; once, and carried on to
-the frames made after it.
+which is continued smoothly over its holes, shifted to meet the colours around it; once, and carried on to the frames
+made after it.
 """
 
 from __future__ import annotations

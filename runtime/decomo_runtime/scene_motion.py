@@ -124,7 +124,7 @@ def follow_scene(tracker: Tracker) -> SceneMotion:
     if len(points) < _LEAST_POINTS:
         raise RenderError(
             f"{tracker.path} holds nothing in {model.clip_name} to be static, so that the scene's motion is unknown; "
-            "fit it again with masks of what moves"
+            "fit it again, for longer or with masks of what moves"
         )
     return SceneMotion(tracker.track(points), model.height, model.width)
 

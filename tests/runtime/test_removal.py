@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from decomo_runtime import RenderError
+from decomo_runtime import Appearance, RenderError
 from decomo_runtime import objects as objects_module
 from decomo_runtime.objects import Objects
 from decomo_runtime.removal import propagate, remove_objects
@@ -114,6 +116,25 @@ def test_what_no_frame_shows_is_continued_and_then_carried_on():
     np.testing.assert_allclose(
         second[places[:, 0], places[:, 1] - 1].astype(int), first[places[:, 0], places[:, 1]], atol=2
     )
+
+
+def test_a_hole_of_the_static_volume_leaves_no_hole_in_the_picture(monkeypatch: pytest.MonkeyPatch):
+    """Its colour there is black; what is around it goes on instead."""
+    frames, model = sliding_square().frames[:2], tracker()
+    whole = next(remove_objects(model, frames, [0]))
+    sample = model.sample
+
+    def with_hole(queries: np.ndarray) -> Appearance:
+        seen = sample(queries)
+        hole = seen.static_confidence < 0.5
+        return replace(
+            seen,
+            rgb_static=np.where(hole[:, None], 0, seen.rgb_static).astype(np.float32),
+            static_opacity=np.where(hole, 0, seen.static_opacity).astype(np.float32),
+        )
+
+    monkeypatch.setattr(model, "sample", with_hole)
+    np.testing.assert_allclose(next(remove_objects(model, frames, [0])).astype(int), whole, atol=2)
 
 
 def test_nothing_moves_nothing_changes(monkeypatch: pytest.MonkeyPatch):

@@ -1,0 +1,38 @@
+"""Large arrays without page faults: with glibc, what is freed is kept for the next array.
+
+glibc returns every array above 32 MiB to the system at once. The next one of that size is fetched page by page, which
+takes longer than dense features need to be computed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _MMAP_MAX = -1, -3, -4
+"""Of `mallopt`, from malloc.h."""
+_KEPT = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, 2**31 - 1))
+_USUAL = ((_MMAP_MAX, 65536), (_MMAP_THRESHOLD, 32 << 20), (_TRIM_THRESHOLD, 64 << 20))
+"""The values to which glibc adapts where large arrays come and go."""
+
+
+@contextmanager
+def kept_memory() -> Iterator[None]:
+    """Within it the process keeps memory that is freed; what it does not use afterwards goes back to the system.
+
+    Does nothing where the C library is not glibc.
+    """
+    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
+    if libc is None or not hasattr(libc, "mallopt") or not hasattr(libc, "malloc_trim"):
+        yield
+        return
+    for option, value in _KEPT:
+        libc.mallopt(option, value)
+    try:
+        yield
+    finally:
+        for option, value in _USUAL:
+            libc.mallopt(option, value)
+        libc.malloc_trim(0)

@@ -1,0 +1,61 @@
+"""Memory that is kept for the next large tensor."""
+
+import platform
+import resource
+from pathlib import Path
+
+import pytest
+import torch
+
+from decomotion.data.memory import kept_memory
+
+pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc's allocator")
+
+LARGE = 48 << 20
+"""Bytes; above what glibc ever keeps by itself."""
+PAGES = LARGE // resource.getpagesize()
+
+
+ROUNDS, TENSORS = 10, 3
+
+
+def work() -> None:
+    """Makes several large tensors, one after the other."""
+    for _ in range(ROUNDS):
+        first = torch.ones(LARGE // 4)
+        second = first + 1
+        del first
+        second.mul(2)
+
+
+def resident_pages() -> int:
+    """Of this process."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+
+
+def test_large_tensors_reuse_memory() -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    with kept_memory():
+        work()
+    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+    assert faults < ROUNDS * TENSORS * PAGES / 2
+
+
+def test_memory_is_returned_afterwards() -> None:
+    before = resident_pages()
+    with kept_memory():
+        work()
+    assert resident_pages() < before + PAGES
+
+
+def test_memory_is_returned_after_a_failure() -> None:
+    before = resident_pages()
+
+    def fail() -> None:
+        with kept_memory():
+            work()
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        fail()
+    assert resident_pages() < before + PAGES
