@@ -25,7 +25,8 @@ from decomotion.checkpoint import ClipFacts
 from decomotion.data.pool import Pool
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
-from decomotion.train import Run, start_maps
+from decomotion.run import Run
+from decomotion.train import start_maps
 
 
 def random_pool(frames: int, points: int, size: int, feature_size: int) -> Pool:

@@ -46,7 +46,7 @@ class Checkpoint:
     clip: ClipFacts
     model: DecoMotion
     training: dict[str, Any]
-    """State of the optimisation: see `decomotion.train`."""
+    """State of the optimisation: see `decomotion.run`."""
 
 
 def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, training: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import torch
@@ -49,8 +48,3 @@ def _as_if_opaque(matter: Matter) -> Float[Tensor, "1 point 3"]:
     """Colour of a volume alone: the mean of its samples' by weight."""
     weights = composite_weights(matter.density)
     return composite(weights, matter.colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
-
-
-def to_png(picture: npt.NDArray[np.uint8]) -> bytes:
-    """Encodes RGB [h, w, 3]."""
-    return cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes()

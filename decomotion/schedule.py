@@ -3,8 +3,31 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from decomotion.config import OptimConfig, Schedule
+
+MIN_SECONDS = 1.0
+"""A run optimises for this long even where preparation has used up its time."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a run is over: after `steps`, or after `seconds` of wall time, preparation included."""
+
+    steps: int
+    seconds: float | None = None
+
+    def progress(self, step: int, elapsed: float, prepared: float) -> float:
+        """Fraction of the optimisation that is done, `prepared` seconds of `elapsed` having gone to preparation."""
+        if self.seconds is None:
+            return step / self.steps
+        return min(1.0, (elapsed - prepared) / max(self.seconds - prepared, MIN_SECONDS))
+
+    def part(self, share: float, elapsed: float) -> Budget:
+        """That share of the steps, or of the time that is left after `elapsed` seconds."""
+        seconds = None if self.seconds is None else share * max(self.seconds - elapsed, MIN_SECONDS)
+        return Budget(max(1, round(share * self.steps)), seconds)
 
 
 def value_at(schedule: float | Schedule, progress: float) -> float:

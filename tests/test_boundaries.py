@@ -26,6 +26,7 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.errors",
     "decomotion.files",
+    "decomotion.images",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 

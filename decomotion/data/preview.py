@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch
 from torchvision.utils import flow_to_image
 
+from decomotion import images
 from decomotion.clip import Clip
 from decomotion.data.features.reduction import fit_reduction
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
@@ -31,7 +32,7 @@ Image = npt.NDArray[np.uint8]
 def write_sheet(clip: Clip, pool: Pool, grid: tuple[int, int], path: Path) -> None:
     """Writes the sheet as a PNG; `grid` are rows and columns of the pool's jittered points."""
     with replacing(path) as file:
-        cv2.imwrite(str(file), cv2.cvtColor(sheet(clip, pool, grid), cv2.COLOR_RGB2BGR))
+        file.write_bytes(images.png(sheet(clip, pool, grid)))
 
 
 def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:

@@ -20,6 +20,7 @@ from decomo_eval import safe_pickle
 from decomo_eval.arrays import read_npz
 from decomo_eval.errors import DatasetError
 from decomotion.clip import images_in
+from decomotion.images import png
 
 _KEYS = ("video", "points", "occluded")
 
@@ -157,7 +158,7 @@ def write_frames(video: Video, folder: Path) -> Path:
     """Writes the video as a folder of PNGs, which `decomo-train` takes, and returns the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for index, frame in enumerate(video.frames()):
-        cv2.imwrite(str(folder / f"{index:05d}.png"), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+        (folder / f"{index:05d}.png").write_bytes(png(frame))
     return folder
 
 

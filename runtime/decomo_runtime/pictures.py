@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.files import new_folder, replacing
+from decomotion.images import png
 
 Image = npt.NDArray[np.uint8]
 
@@ -92,7 +93,7 @@ def write_video(path: str | Path, frames: Iterable[Image], fps: float) -> None:
 def write_png(path: str | Path, image: Image) -> None:
     """Writes `image`, RGB [H, W, 3] or RGBA [H, W, 4], as a png."""
     with replacing(path) as temporary:
-        temporary.write_bytes(_png(image))
+        temporary.write_bytes(png(image))
 
 
 def write_sequence(folder: str | Path, images: Iterable[tuple[str, Image]]) -> None:
@@ -104,7 +105,7 @@ def write_sequence(folder: str | Path, images: Iterable[tuple[str, Image]]) -> N
         for name, image in images:
             path = temporary / f"{name}.png"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(_png(image))
+            path.write_bytes(png(image))
 
 
 def evened(frame: Image) -> Image:
@@ -131,8 +132,3 @@ def tiled(images: Iterable[Image], columns: int) -> Image:
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
     rows = [np.concatenate(tiles[start : start + columns], axis=1) for start in range(0, len(tiles), columns)]
     return np.concatenate(rows)
-
-
-def _png(image: Image) -> bytes:
-    order = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
-    return cv2.imencode(".png", cv2.cvtColor(image, order))[1].tobytes()

@@ -15,7 +15,7 @@ from decomotion.cli import command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES
 from decomotion.options import Duration
-from decomotion.train import Run
+from decomotion.run import Run
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
 SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]

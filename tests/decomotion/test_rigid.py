@@ -17,7 +17,9 @@ from decomotion.data.pool import UNKNOWN_MOTION
 from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError
 from decomotion.losses.robust_flow import SCALE, robust_flow_loss
-from decomotion.train import Budget, Run, fit
+from decomotion.run import Run
+from decomotion.schedule import Budget
+from decomotion.train import fit
 from tiny_fit import FRAMES, SIZE, TINY_CPU, on_square, sliding_square
 
 CLIP = sliding_square()

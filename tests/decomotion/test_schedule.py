@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from decomotion.config import OptimConfig, Schedule, load
-from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 
 
 def optim(**changes: object) -> OptimConfig:
@@ -57,3 +57,21 @@ def test_the_longest_gap_is_at_least_one_frame_and_within_the_clip():
     config = optim(gap=Schedule(value=0, to=1, begin=0, end=0.4))
     assert longest_gap(config, 0.0, num_frames=50) == 1
     assert longest_gap(config, 1.0, num_frames=2) == 1
+
+
+def test_progress_in_steps_and_in_time_without_preparation():
+    assert Budget(steps=8).progress(2, 99.0, 9.0) == 0.25
+    ten_minutes = Budget(steps=8, seconds=600.0)
+    assert ten_minutes.progress(0, 100.0, 100.0) == 0
+    assert ten_minutes.progress(5, 350.0, 100.0) == 0.5
+    assert ten_minutes.progress(5, 700.0, 100.0) == 1
+
+
+def test_a_budget_used_up_by_preparation_still_leaves_a_moment():
+    assert Budget(steps=8, seconds=5.0).progress(0, 7.0, 7.0) == 0
+    assert Budget(steps=8, seconds=5.0).progress(9, 8.0, 7.0) == 1
+
+
+def test_a_part_of_a_budget_is_of_what_is_left():
+    assert Budget(steps=100).part(0.2, 50.0) == Budget(20)
+    assert Budget(steps=100, seconds=110.0).part(0.2, 10.0) == Budget(20, 20.0)

@@ -23,7 +23,9 @@ from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.losses import LOSSES
 from decomotion.model.fusion import DecoMotion
-from decomotion.train import Budget, Run, choose_device, fit, start_maps
+from decomotion.run import Run
+from decomotion.schedule import Budget
+from decomotion.train import choose_device, fit, start_maps
 from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
 
 CLIP = sliding_square()
@@ -219,17 +221,6 @@ class TestBudget:
     def test_of_which_preparation_takes_most(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
         fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=1e-3, progress=False)
         assert "expect a poor fit; give a longer --time-budget" in caplog.text
-
-    def test_by_hand(self):
-        assert Budget(steps=8).progress(2, 99.0, 9.0) == 0.25
-        ten_minutes = Budget(steps=8, seconds=600.0)
-        assert ten_minutes.progress(0, 100.0, 100.0) == 0
-        assert ten_minutes.progress(5, 350.0, 100.0) == 0.5
-        assert ten_minutes.progress(5, 700.0, 100.0) == 1
-
-    def test_used_up_by_preparation_still_leaves_a_moment(self):
-        assert Budget(steps=8, seconds=5.0).progress(0, 7.0, 7.0) == 0
-        assert Budget(steps=8, seconds=5.0).progress(9, 8.0, 7.0) == 1
 
 
 class TestFailure:

@@ -12,13 +12,14 @@ import numpy.typing as npt
 from decomo_eval.scoring import Scored
 from decomo_eval.tapvid import RASTER_SIZE
 from decomo_runtime.overlay import contact_sheet
+from decomotion.images import jpeg
 
 Image = npt.NDArray[np.uint8]
 
 CLIPS, FRAMES, POINTS = 3, 4, 60
 """How many clips are kept, frames of each drawn, and points in a frame at most."""
-LONG_SIDE = 320
-"""Pixels of a drawn frame."""
+LONG_SIDE, JPEG_QUALITY = 320, 85
+"""Pixels of a drawn frame, and how well it is kept."""
 NEAR = 8
 """Raster pixels up to which a visible point counts as found here."""
 
@@ -51,7 +52,7 @@ class WorstClips:
         full = len(self.clips) == CLIPS
         if math.isnan(value) or (full and value >= self.clips[-1].average_jaccard):
             return
-        drawn = DrawnClip(scored.video.name, value, _jpeg(draw(scored)))
+        drawn = DrawnClip(scored.video.name, value, jpeg(draw(scored), JPEG_QUALITY))
         self.clips = sorted([*self.clips, drawn], key=lambda clip: clip.average_jaccard)[:CLIPS]
 
 
@@ -97,7 +98,3 @@ def _mark(
 def _fixed(place: npt.NDArray[np.float64]) -> tuple[int, int]:
     x, y = np.clip(place, -4096, 4096) * (1 << _SHIFT)  # OpenCV's numbers would overflow beyond
     return round(x), round(y)
-
-
-def _jpeg(image: Image) -> bytes:
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()

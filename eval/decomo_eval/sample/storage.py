@@ -7,11 +7,10 @@ import pickle
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from decomo_eval.sample.sample import Sample, SampleError
+from decomotion.images import png
 
 VIDEO_NAME = "sample"
 CLIP, MASKS, PICKLE = "clip", "masks", "sample.pkl"
@@ -54,20 +53,14 @@ def write(sample: Sample, directory: str | Path, *, force: bool = False) -> list
 
 def _encode(sample: Sample) -> dict[str, bytes]:
     """Content of every file by its path below the folder; the pickle holds the clip's own PNGs."""
-    frames = [_png(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)) for frame in sample.video]
-    masks = [_png(mask.astype(np.uint8) * 255) for mask in sample.masks]
+    frames = [png(frame) for frame in sample.video]
+    masks = [png(mask.astype(np.uint8) * 255) for mask in sample.masks]
     record = {VIDEO_NAME: {"video": frames, "points": sample.points, "occluded": sample.occluded}}
     return {
         **{f"{CLIP}/{index:05d}.png": frame for index, frame in enumerate(frames)},
         **{f"{MASKS}/{index:05d}.png": mask for index, mask in enumerate(masks)},
         PICKLE: pickle.dumps(record, PICKLE_PROTOCOL),
     }
-
-
-def _png(image: npt.NDArray[np.uint8]) -> bytes:
-    done, encoded = cv2.imencode(".png", image)
-    assert done, "OpenCV encodes any 8-bit image as PNG"
-    return encoded.tobytes()
 
 
 def _is_same(directory: Path, targets: list[Path], files: dict[str, bytes]) -> bool:

@@ -7,12 +7,11 @@ import os
 import shutil
 from pathlib import Path
 
-import cv2
-
 from decomo_runtime.errors import ViewError
 from decomo_runtime.model_file import ModelFacts, open_session, read_facts
 from decomo_runtime.overlay import check_clip
 from decomotion.clip import Clip, read_clip
+from decomotion.images import jpeg
 
 PAGE = Path(__file__).parent / "page"
 MODEL_NAME = "model.onnx"
@@ -63,9 +62,7 @@ def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
 
 def _write_frames(folder: Path, clip: Clip) -> list[str]:
     folder.mkdir()
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]  # 4:4:4
     names = [f"{folder.name}/{number:05d}.jpg" for number in range(len(clip))]
     for name, frame in zip(names, clip.frames, strict=True):
-        encoded = cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), options)[1]
-        (folder.parent / name).write_bytes(encoded.tobytes())
+        (folder.parent / name).write_bytes(jpeg(frame, _JPEG_QUALITY, full_colour=True))
     return names

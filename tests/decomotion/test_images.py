@@ -1,0 +1,35 @@
+"""Pictures as files."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from decomotion.images import jpeg, png
+
+BACK = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGBA}
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (5, 7, 4)])
+def test_png_is_lossless(shape: tuple[int, ...]):
+    picture = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    decoded = cv2.imdecode(np.frombuffer(png(picture), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert decoded is not None
+    np.testing.assert_array_equal(decoded if decoded.ndim == 2 else cv2.cvtColor(decoded, BACK[shape[2]]), picture)
+
+
+@pytest.mark.parametrize(("full_colour", "apart"), [(True, (0, 4)), (False, (8, 255))])
+def test_jpeg_with_fine_or_coarse_colour(full_colour: bool, apart: tuple[float, float]):
+    """Columns of one pixel, red and green by turns."""
+    picture = np.zeros((16, 16, 3), np.uint8)
+    picture[:, ::2, 0] = picture[:, 1::2, 1] = 200
+    decoded = cv2.imdecode(np.frombuffer(jpeg(picture, 100, full_colour), np.uint8), cv2.IMREAD_COLOR)
+    assert decoded is not None
+    error = np.abs(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB).astype(int) - picture).mean()
+    assert apart[0] <= error <= apart[1]
+
+
+def test_a_picture_that_opencv_cannot_encode():
+    with pytest.raises((OSError, cv2.error)):
+        png(np.zeros((0, 4, 3), np.uint8))
