@@ -1,4 +1,4 @@
-"""Pictures as PNG and JPEG files."""
+"""Pictures: as PNG and JPEG files, and with their gaps filled."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating]
 
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
 
@@ -28,3 +30,17 @@ def _encoded(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int]) 
     if not done:
         raise OSError(f"OpenCV could not encode a picture of {image.shape} as {suffix}")
     return encoded.tobytes()
+
+
+def filled(values: Floats, weight: Floats) -> Floats:
+    """Values [H, W, C] where `weight` [H, W] is 1, and a smooth continuation where it is 0 (push-pull)."""
+    height, width = values.shape[:2]
+    if max(height, width) == 1:
+        return values
+    half = ((width + 1) // 2, (height + 1) // 2)
+    coarse_weight = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
+    coarse = cv2.resize(values * weight[..., None], half, interpolation=cv2.INTER_AREA)
+    coarse = coarse.reshape(*half[::-1], -1) / np.maximum(coarse_weight, 1e-6)[..., None]
+    coarse = filled(coarse, np.minimum(1, 4 * coarse_weight))
+    around = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
+    return (weight[..., None] * values + (1 - weight[..., None]) * around).astype(np.float32)

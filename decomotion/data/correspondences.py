@@ -1,7 +1,6 @@
 """The stage `links`: flow at the scheduled gaps, linked to every gap, for points of every frame.
 
-Fields are files `flow/<first>_<second>.npy` of the partial stage, float16, so that a killed run's are found again, and
-are removed when the links are made.
+The fields lie in `flow/` of the partial stage, and are removed when the links are made.
 """
 
 from __future__ import annotations
@@ -10,14 +9,10 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
@@ -25,7 +20,8 @@ from tqdm import tqdm
 from decomotion.clip import Clip
 from decomotion.config import DataConfig
 from decomotion.data import linking
-from decomotion.data.flow import Field, FlowEstimator
+from decomotion.data.fields import FlowFields
+from decomotion.data.flow import FlowEstimator
 from decomotion.data.intervals import choose_intervals, pairs_of
 from decomotion.data.matching import MatchStore
 from decomotion.data.pool import pack
@@ -39,66 +35,6 @@ SCHEDULE = "schedule.json"
 """The gaps that were chosen: an interrupted run goes on with them, however fast the machine is then."""
 TRIALS = 3
 """Of what a field costs."""
-
-
-@dataclass(frozen=True)
-class FlowFields:
-    """Fields on disk, computed when first asked for."""
-
-    clip: Clip
-    estimator: FlowEstimator
-    folder: Path
-
-    def compute(self, pairs: Sequence[tuple[int, int]], progress: bool) -> None:
-        """Makes those that are not there yet."""
-        self.folder.mkdir(exist_ok=True)
-        missing = [pair for pair in pairs if self._found(pair) is None]
-        _each(self._write, missing, self.estimator.concurrent, progress, skipped=len(pairs) - len(missing))
-
-    def __call__(self, first: int, second: int) -> Field:
-        """From frame `first` to frame `second`, float32 [h, w, 2]."""
-        return np.load(self._file((first, second))).astype(np.float32)
-
-    def _file(self, pair: tuple[int, int]) -> Path:
-        return self.folder / f"{pair[0]}_{pair[1]}.npy"
-
-    def _found(self, pair: tuple[int, int]) -> npt.NDArray | None:
-        try:
-            return np.load(self._file(pair), mmap_mode="r")
-        except (OSError, ValueError):
-            return None
-
-    def _write(self, pair: tuple[int, int]) -> None:
-        field = self.estimator(self.clip.frames[pair[0]], self.clip.frames[pair[1]], pair).astype(np.float16)
-
-        def save(path: Path) -> None:
-            with path.open("wb") as file:
-                np.save(file, field)
-
-        write_whole(self._file(pair), save)
-
-
-def _each(
-    task: Callable[[tuple[int, int]], None],
-    pairs: list[tuple[int, int]],
-    concurrent: bool,
-    progress: bool,
-    skipped: int,
-) -> None:
-    with tqdm(total=skipped + len(pairs), initial=skipped, desc="flow", disable=not progress, leave=False) as bar:
-        if not concurrent:
-            for pair in pairs:
-                task(pair)
-                bar.update()
-            return
-        threads = cv2.getNumThreads()
-        cv2.setNumThreads(1)  # one pair a thread is faster than every thread on one pair
-        try:
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                for _ in pool.map(task, pairs):
-                    bar.update()
-        finally:
-            cv2.setNumThreads(threads)
 
 
 def build_links(
@@ -115,12 +51,13 @@ def build_links(
     `points` [frame, point, 2] are linked by flow; those of `tracks` come after them.
     """
     begin = time.monotonic()
-    fields = FlowFields(clip, estimator, folder / "flow")
+    matches = MatchStore(clip, config.matching, progress, neighbours=estimator.guided)
+    matched = time.monotonic()
+    fields = FlowFields(clip, estimator, matches, folder / "flow")
     schedule = scheduled(clip, config, fields, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
-    pairs = pairs_of(intervals, len(clip))
-    estimator.require(pairs)
-    fields.compute(pairs, progress)
+    estimator.require(pairs_of(intervals, len(clip)))
+    count_of_fields = fields.compute(intervals, progress)
     computed = time.monotonic()
 
     frames, on_grid = points.shape[:2]
@@ -133,8 +70,6 @@ def build_links(
     create = partial(np.lib.format.open_memmap, mode="w+")
     targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
     confidence = create(folder / "confidence.npy", dtype=np.uint8, shape=(frames, frames, count))
-    matches = MatchStore(clip, config.matching, progress)
-    matched = time.monotonic()
     _link(
         clip, config, points, fields, intervals, matches, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress
     )
@@ -151,14 +86,14 @@ def build_links(
     (folder / SCHEDULE).unlink()
     return {
         **schedule,
-        "fields": len(pairs),
+        "fields": count_of_fields,
         "points": count,
         "on_grid": on_grid,
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
         "seconds": {
-            "flow": computed - begin,
-            "matches": matched - computed,
-            "links": time.monotonic() - matched,
+            "matches": matched - begin,
+            "flow": computed - matched,
+            "links": time.monotonic() - computed,
         },
     }
 
@@ -171,15 +106,13 @@ def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, file: Path) ->
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
-    neighbours = pairs_of((1,), len(clip))
-    fields.estimator.require(neighbours)
+    fields.estimator.require(pairs_of((1,), len(clip)))
     at_once = (os.cpu_count() or 1) if fields.estimator.concurrent else 1
     costs = []
     for trial in range(TRIALS):
-        pairs = neighbours[trial * at_once : (trial + 1) * at_once]
         begin = time.monotonic()
-        fields.compute(pairs, progress=False)
-        costs += [(time.monotonic() - begin) / len(pairs)] if pairs else []
+        made = fields.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
+        costs += [(time.monotonic() - begin) / made] if made else []
     cost = min(costs)
     intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, config.prepare_budget)
     chosen = {"intervals": list(intervals), "seconds_per_field": cost}

@@ -52,8 +52,11 @@ def count_fields(gaps: tuple[int, ...], frames: int) -> int:
     return sum(2 * (frames - gap) for gap in gaps if gap < frames)
 
 
+def couples_of(gap: int, frames: int) -> list[tuple[int, int]]:
+    """The frames (first, second) that are `gap` apart, the earlier one first."""
+    return [(first, first + gap) for first in range(frames - gap)]
+
+
 def pairs_of(gaps: tuple[int, ...], frames: int) -> list[tuple[int, int]]:
     """The frame pairs (first, second) of these gaps, both ways, ordered by gap: neighbours first."""
-    return [
-        pair for gap in gaps for first in range(frames - gap) for pair in ((first, first + gap), (first + gap, first))
-    ]
+    return [pair for gap in gaps for here, there in couples_of(gap, frames) for pair in ((here, there), (there, here))]

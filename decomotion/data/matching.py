@@ -26,6 +26,7 @@ from decomotion.config import MatchingConfig
 from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
+from decomotion.data.intervals import couples_of
 
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
@@ -68,16 +69,20 @@ class MatchStore:
         clip: the frames.
         config: which gaps are matched, and how many neighbours have to agree.
         progress: show a progress bar.
+        neighbours: match neighbouring frames, too, unless nothing is matched.
     """
 
-    def __init__(self, clip: Clip, config: MatchingConfig, progress: bool) -> None:
+    def __init__(self, clip: Clip, config: MatchingConfig, progress: bool, neighbours: bool = False) -> None:
         self.intervals = tuple(gap for gap in config.intervals if gap < len(clip))
+        """Gaps over which points are to be linked."""
+        self.gaps = sorted({*self.intervals, *((1,) if neighbours and config.intervals else ())})
+        """All that are matched."""
         self._supporters = config.supporters
         self._matches: dict[tuple[int, int], Matches] = {}
-        if not self.intervals:
+        if not self.gaps:
             return
         maps = describe(clip)
-        pairs = [(first, first + gap) for gap in self.intervals for first in range(len(clip) - gap)]
+        pairs = [couple for gap in self.gaps for couple in couples_of(gap, len(clip))]
         for first, second in tqdm(pairs, "match", disable=not progress, leave=False):
             forward, backward = self._both_ways(maps[first].float(), maps[second].float())
             self._matches[first, second], self._matches[second, first] = forward, backward

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.rendering import HOLE, look, raster_size
-from decomo_runtime.scene_motion import interpolate
+from decomotion.images import filled
 
 if TYPE_CHECKING:
     from decomo_runtime.scene_motion import SceneMotion
@@ -81,7 +81,7 @@ class Objects:
         if frame not in self._looks:
             seen = look(self._tracker, frame, self._rendered)
             known = (seen.static_opacity > HOLE).astype(np.float32).reshape(self._rendered)
-            scene = interpolate(255 * seen.rgb_static.reshape(*self._rendered, 3), known)
+            scene = filled(255 * seen.rgb_static.reshape(*self._rendered, 3), known)
             moving = 1 - seen.static_confidence.reshape(*self._rendered, 1)
             self._looks[frame] = np.concatenate([moving, scene], axis=2).astype(np.float16)
         return self._looks[frame]

@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.objects import Objects, sampled
-from decomo_runtime.scene_motion import SceneMotion, follow_scene, interpolate
+from decomo_runtime.scene_motion import SceneMotion, follow_scene
+from decomotion.images import filled
 
 if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
@@ -53,7 +54,7 @@ def remove_objects(tracker: Tracker, frames: Image, wanted: Iterable[int]) -> It
         known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
         if not known.all():
             rendered = objects.scene(frame)
-            scene = rendered + interpolate(np.nan_to_num(scene - rendered), known)
+            scene = rendered + filled(np.nan_to_num(scene - rendered), known)
         made = np.rint(share * scene + (1 - share) * frames[frame]).clip(0, 255).astype(np.uint8)
         last = frame, made
         yield made

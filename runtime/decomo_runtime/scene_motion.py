@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import RenderError
 from decomo_runtime.queries import grid_queries
+from decomotion.images import filled
 
 if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
@@ -106,7 +107,7 @@ class SceneMotion:
         total, count = np.zeros((rows, columns, 2), np.float32), np.zeros((rows, columns), np.float32)
         np.add.at(total, (cell[:, 1], cell[:, 0]), remainder[kept])
         np.add.at(count, (cell[:, 1], cell[:, 0]), 1)
-        smooth = interpolate(total / np.maximum(count, 1)[..., None], np.minimum(count, 1))
+        smooth = filled(total / np.maximum(count, 1)[..., None], np.minimum(count, 1))
         return np.asarray(homography, np.float64), cv2.GaussianBlur(smooth, (0, 0), 1).astype(np.float32)
 
 
@@ -127,17 +128,3 @@ def follow_scene(tracker: Tracker) -> SceneMotion:
             "fit it again, for longer or with masks of what moves"
         )
     return SceneMotion(tracker.track(points), model.height, model.width)
-
-
-def interpolate(values: Floats, weight: Floats) -> Floats:
-    """Values [H, W, C] where `weight` [H, W] is 1, and a smooth continuation where it is 0 (push-pull)."""
-    height, width = values.shape[:2]
-    if max(height, width) == 1:
-        return values
-    half = ((width + 1) // 2, (height + 1) // 2)
-    coarse_weight = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
-    coarse = cv2.resize(values * weight[..., None], half, interpolation=cv2.INTER_AREA)
-    coarse = coarse.reshape(*half[::-1], -1) / np.maximum(coarse_weight, 1e-6)[..., None]
-    coarse = interpolate(coarse, np.minimum(1, 4 * coarse_weight))
-    around = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
-    return (weight[..., None] * values + (1 - weight[..., None]) * around).astype(np.float32)

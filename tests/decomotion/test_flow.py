@@ -51,6 +51,19 @@ def raft_small(shared: Path) -> Path:
     return file
 
 
+def test_dis_finds_from_a_start_what_it_loses_from_zero():
+    """A small patch that jumps across a plain ground."""
+    patch = np.random.default_rng(0).integers(0, 256, (16, 16, 3), dtype=np.uint8)
+    first, second = np.full((2, 128, 128, 3), 128, np.uint8)
+    first[56:72, 10:26], second[56:72, 90:106] = patch, patch
+    estimate = DisFlow(dis())
+    start = np.zeros((128, 128, 2), np.float32)
+    start[52:76, 6:30, 0] = 78
+    middle = (slice(60, 68), slice(14, 22))
+    assert np.abs(estimate(first, second)[middle] - [80, 0]).max() > 40
+    np.testing.assert_allclose(estimate(first, second, start=start)[middle], np.tile([80.0, 0.0], (8, 8, 1)), atol=0.5)
+
+
 class TestRasters:
     def test_each_axis_has_its_own_factor(self):
         """A constant field of 10 x 6 pixels brought to 5 x 4: half as wide, two thirds as high."""

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomotion.images import jpeg, png
+from decomotion.images import filled, jpeg, png
 
 BACK = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGBA}
 
@@ -33,3 +33,17 @@ def test_jpeg_with_fine_or_coarse_colour(full_colour: bool, apart: tuple[float, 
 def test_a_picture_that_opencv_cannot_encode():
     with pytest.raises((OSError, cv2.error)):
         png(np.zeros((0, 4, 3), np.uint8))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (16, 16), (13, 29)])
+def test_gaps_are_filled_with_what_is_around(shape: tuple[int, int]):
+    random = np.random.default_rng(0)
+    values = random.random((*shape, 2)).astype(np.float32)
+    weight = (random.random(shape) < 0.3).astype(np.float32)
+    weight[0, 0] = 1
+    known = weight == 1
+    whole = filled(np.where(known[..., None], values, 99), weight)
+    np.testing.assert_array_equal(whole[known], values[known])
+    assert whole.max() <= values[known].max() + 1e-5
+    assert whole.min() >= values[known].min() - 1e-5
+    np.testing.assert_allclose(filled(np.full((*shape, 2), 3, np.float32), weight), 3, atol=1e-5)

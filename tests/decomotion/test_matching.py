@@ -88,3 +88,17 @@ def test_a_point_hidden_longer_than_flow_reaches_is_found_again(step: int) -> No
     assert not last.occluded[0, 0]
     assert_allclose(last.xy[0, 0], [8 + 2 * step] * 2)
     assert all(each.occluded.all() for each in links[:-1])
+
+
+@pytest.mark.parametrize(
+    ("intervals", "neighbours", "gaps"), [((2,), True, [1, 2]), ((2,), False, [2]), ((), True, [])]
+)
+def test_neighbours_are_matched_on_demand_but_not_linked(
+    intervals: tuple[int, ...], neighbours: bool, gaps: list[int]
+) -> None:
+    image = textured(5)
+    config = MatchingConfig(intervals=intervals, supporters=10)
+    store = MatchStore(clip_of(image, image, image), config, progress=False, neighbours=neighbours)
+    assert (store.intervals, store.gaps) == (intervals, gaps)
+    for gap in gaps:
+        assert store(0, gap).trusted.any()

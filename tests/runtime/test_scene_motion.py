@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime import RenderError, Tracks
-from decomo_runtime.scene_motion import SceneMotion, follow_scene, interpolate
+from decomo_runtime.scene_motion import SceneMotion, follow_scene
 from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE
 from true_tracker import TrueTracker
 
@@ -102,17 +102,3 @@ def test_the_scene_behind_the_square_moves_with_the_scene():
 def test_a_model_without_a_static_scene():
     with pytest.raises(RenderError, match=r"sliding\.onnx holds nothing in sliding to be static"):
         follow_scene(TrueTracker(static=0.3))
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (16, 16), (13, 29)])
-def test_interpolate_keeps_what_is_known_and_stays_within_it(shape: tuple[int, int]):
-    random = np.random.default_rng(0)
-    values = random.random((*shape, 2)).astype(np.float32)
-    weight = (random.random(shape) < 0.3).astype(np.float32)
-    weight[0, 0] = 1
-    known = weight == 1
-    filled = interpolate(np.where(known[..., None], values, 99), weight)
-    np.testing.assert_array_equal(filled[known], values[known])
-    assert filled.max() <= values[known].max() + 1e-5
-    assert filled.min() >= values[known].min() - 1e-5
-    np.testing.assert_allclose(interpolate(np.full((*shape, 2), 3, np.float32), weight), 3, atol=1e-5)

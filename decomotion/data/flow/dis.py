@@ -23,13 +23,21 @@ class DisFlow:
 
     def __init__(self, config: DisFlowConfig) -> None:
         self._config = config
+        self.guided, self.field_side = config.guided, config.field_side
         self._of_thread = threading.local()  # OpenCV's object keeps buffers: one a thread
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1)) -> Field:  # noqa: ARG002
+    def __call__(
+        self,
+        first: Frame,
+        second: Frame,
+        pair: tuple[int, int] = (0, 1),  # noqa: ARG002
+        start: Field | None = None,
+    ) -> Field:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side)
-        flow = self._dis().calc(_grey(first, size), _grey(second, size), None)  # type: ignore[call-overload]
+        begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
+        flow = self._dis().calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
 
     def require(self, pairs: list[tuple[int, int]]) -> None:

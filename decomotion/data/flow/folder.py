@@ -23,15 +23,22 @@ class FolderFlow:
     any size and covers the frame. `.npy`: any float type; `.flo`: Middlebury's.
     """
 
+    guided = False
     concurrent = True
 
     def __init__(self, config: FolderFlowConfig) -> None:
-        self._config = config
+        self._config, self.field_side = config, config.field_side
         self._folder = Path(config.path)
         if not self._folder.is_dir():
             raise SupervisionError(f"--flow {self._folder} is no folder; give dis, raft-small, raft-large or one")
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int]) -> Field:  # noqa: ARG002
+    def __call__(
+        self,
+        first: Frame,
+        second: Frame,  # noqa: ARG002
+        pair: tuple[int, int],
+        start: Field | None = None,  # noqa: ARG002
+    ) -> Field:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         file = self._file(pair)
         if file is None:

@@ -21,8 +21,15 @@ class FlowEstimator(Protocol):
     concurrent: bool
     """Whether several threads may call it at once and gain by it; else it keeps all cores busy by itself."""
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int]) -> Field:
+    guided: bool
+    """Whether it searches from a start where it is given one, and is worth asking from there, too."""
+    field_side: int
+    """Longer side in pixels that its fields have at most."""
+
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None = None) -> Field:
         """Flow from `first` to `second`, both [H, W, 3] RGB; `pair` are their numbers in the clip.
+
+        `start` is about where pixels lie, on the field's raster; an estimator that is not `guided` ignores it.
 
         Returns float32 [h, w, 2]: the displacement (x, y) in pixels of the field's own raster, which covers the
         same image and may be coarser than the frames'.

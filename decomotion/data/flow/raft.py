@@ -42,14 +42,21 @@ PRINCETON_TO_TORCHVISION = (
 class RaftFlow:
     """RAFT on frames enlarged as configured, at least `MIN_SIDE` pixels a side; see `FlowEstimator`."""
 
+    guided = False
     concurrent = False
 
     def __init__(self, config: RaftFlowConfig, device: str = "cpu") -> None:
-        self._config = config
+        self._config, self.field_side = config, config.field_side
         self._device = torch.device(device)
         self._model = load_raft(config.kind, config.weights).to(self._device)
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1)) -> Field:  # noqa: ARG002
+    def __call__(
+        self,
+        first: Frame,
+        second: Frame,
+        pair: tuple[int, int] = (0, 1),  # noqa: ARG002
+        start: Field | None = None,  # noqa: ARG002
+    ) -> Field:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side, MIN_SIDE)

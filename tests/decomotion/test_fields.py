@@ -1,0 +1,110 @@
+"""Flow fields at several gaps: what each is started from, and which answer stays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decomotion.clip import Clip
+from decomotion.config import MatchingConfig
+from decomotion.data.fields import FlowFields, nearer, smooth
+from decomotion.data.flow.interface import Field, Frame
+from decomotion.data.matching import Matches, MatchStore
+
+FRAMES, SIZE = 7, 32
+SPEED = np.array([3.0, -1.0], np.float32)
+"""Pixels a frame, of everything."""
+
+
+def flow(displacement: float | np.ndarray, size: int = SIZE) -> Field:
+    return np.broadcast_to(np.asarray(displacement, np.float32), (size, size, 2)).astype(np.float32)
+
+
+class Searcher:
+    """Finds what moves less than `REACH` pixels from where it starts, and says that the rest stands still."""
+
+    REACH = 4.0
+    concurrent, guided, field_side = True, True, 512
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[tuple[int, int], float | None]] = []
+
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None = None) -> Field:
+        begin = None if start is None else start.mean(axis=(0, 1))
+        self.asked.append((pair, None if begin is None else float(begin[0])))
+        true = SPEED * (pair[1] - pair[0])
+        reached = np.linalg.norm(true - (0 if begin is None else begin)) < self.REACH
+        return flow(true if reached else SPEED * 0 + (5 if pair[1] > pair[0] else 0))  # not its own way back
+
+    def require(self, pairs: list[tuple[int, int]]) -> None:
+        """Any."""
+
+
+@pytest.fixture
+def clip() -> Clip:
+    return Clip("still", np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8), 24.0)
+
+
+def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowFields:
+    return FlowFields(
+        clip, estimator, MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), False), folder
+    )
+
+
+def test_long_gaps_start_at_the_short_ones(clip: Clip, tmp_path: Path) -> None:
+    found = fields(clip, tmp_path / "flow", Searcher())
+    assert found.compute((1, 2, 5), progress=False) == 2 * (6 + 5 + 2)
+    for first, second in [(0, 1), (3, 1), (0, 5), (6, 1)]:
+        np.testing.assert_allclose(found(first, second), flow(SPEED * (second - first)), atol=0.01)
+
+
+def test_without_a_start_what_moves_far_is_lost(clip: Clip, tmp_path: Path) -> None:
+    estimator = Searcher()
+    estimator.guided = False
+    found = fields(clip, tmp_path / "flow", estimator)
+    found.compute((1, 2), progress=False)
+    np.testing.assert_array_equal(found(0, 2), flow(5))
+    assert {start for _, start in estimator.asked} == {None}
+    assert len(estimator.asked) == 2 * (6 + 5)
+
+
+def test_neighbours_start_at_matches(clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    estimator = Searcher()
+    estimator.REACH = 2.0
+    found = fields(clip, tmp_path / "flow", estimator, intervals=(1,))
+    cells = flow(SPEED / 4, SIZE // 4)  # of four pixels
+    everywhere = np.ones((SIZE // 4, SIZE // 4), bool)
+    monkeypatch.setattr(MatchStore, "__call__", lambda _, first, second: Matches(cells * (second - first), everywhere))
+    found.compute((1,), progress=False)
+    for first, second in [(0, 1), (4, 3)]:
+        np.testing.assert_allclose(found(first, second), flow(SPEED * (second - first)), atol=0.01)
+
+
+def test_what_is_there_is_not_made_again(clip: Clip, tmp_path: Path) -> None:
+    estimator = Searcher()
+    found = fields(clip, tmp_path / "flow", estimator)
+    assert found.compute((1,), progress=False, only=slice(1, 3)) == 4
+    assert {pair for pair, _ in estimator.asked} == {(1, 2), (2, 1), (2, 3), (3, 2)}
+    (tmp_path / "flow" / "2_1.npy").write_bytes(b"half")
+    estimator.asked.clear()
+    assert found.compute((1,), progress=False) == 12
+    assert {pair[0] for pair, _ in estimator.asked if pair[0] < pair[1]} == {0, 1, 3, 4, 5}
+
+
+def test_the_answer_that_returns_stays_pixel_by_pixel() -> None:
+    """On the left the first answer returns, on the right the second; above, both do."""
+    ways: list[list[Field]] = [[flow(0), flow(0)], [flow((4, 0)), flow((-4, 0))]]
+    ways[0][1][16:, 16:] = 3
+    ways[1][1][16:, :16] = 3
+    there, _ = nearer((ways[0][0], ways[0][1]), (ways[1][0], ways[1][1]))
+    np.testing.assert_array_equal(there[:16], 0)
+    np.testing.assert_array_equal(there[16:, :12], 0)
+    np.testing.assert_array_equal(there[17:, 16:], flow((4, 0))[17:, 16:])
+
+
+def test_matches_go_on_over_cells_that_have_none() -> None:
+    trusted = np.random.default_rng(0).random((16, 16)) < 0.3
+    displacement = np.where(trusted[..., None], np.float32([2, 1]), 50).astype(np.float32)
+    np.testing.assert_allclose(smooth(Matches(displacement, trusted)), flow((2, 1), 16), atol=1e-4)
