@@ -64,6 +64,14 @@ def test_dis_finds_from_a_start_what_it_loses_from_zero():
     np.testing.assert_allclose(estimate(first, second, start=start)[middle], np.tile([80.0, 0.0], (8, 8, 1)), atol=0.5)
 
 
+def test_a_start_is_forgotten():
+    first, second = shifted_texture(64, 96)
+    estimate = DisFlow(dis())
+    plain, guided = estimate(first, second), estimate(first, second, start=np.full((64, 96, 2), 9, np.float32))
+    np.testing.assert_array_equal(estimate(first, second), plain)
+    np.testing.assert_array_equal(estimate(first, second, start=np.full((64, 96, 2), 9, np.float32)), guided)
+
+
 class TestRasters:
     def test_each_axis_has_its_own_factor(self):
         """A constant field of 10 x 6 pixels brought to 5 x 4: half as wide, two thirds as high."""

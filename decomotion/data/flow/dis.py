@@ -24,7 +24,8 @@ class DisFlow:
     def __init__(self, config: DisFlowConfig) -> None:
         self._config = config
         self.guided, self.field_side = config.guided, config.field_side
-        self._of_thread = threading.local()  # OpenCV's object keeps buffers: one a thread
+        # OpenCV's object keeps buffers, a start among them even for calls without: one of either kind a thread
+        self._of_thread = threading.local()
 
     def __call__(
         self,
@@ -37,22 +38,23 @@ class DisFlow:
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side)
         begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
-        flow = self._dis().calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
+        flow = self._dis(guided=start is not None).calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
 
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """It answers any pair."""
 
-    def _dis(self) -> cv2.DISOpticalFlow:
-        if not hasattr(self._of_thread, "dis"):
+    def _dis(self, guided: bool) -> cv2.DISOpticalFlow:
+        name = "guided" if guided else "plain"
+        if not hasattr(self._of_thread, name):
             dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
             dis.setFinestScale(0)
             dis.setPatchStride(self._config.patch_stride)
             dis.setGradientDescentIterations(self._config.descent_iterations)
             dis.setVariationalRefinementIterations(self._config.refinement_iterations)
             dis.setVariationalRefinementGamma(self._config.gradient_weight)
-            self._of_thread.dis = dis
-        return self._of_thread.dis
+            setattr(self._of_thread, name, dis)
+        return getattr(self._of_thread, name)
 
 
 def _grey(frame: Frame, size: Size) -> npt.NDArray[np.uint8]:
