@@ -5,7 +5,7 @@
     direct    from the query's frame straight to each other; hidden where the cycle error passes 1.5 px. RAFT-D
     multi     over several gaps, the best hop at each frame by consistency and occlusion, in the manner of MFT (Neoral
               et al., WACV 2024) without its learned uncertainty; as the fit links its supervision
-              (`decomotion/data/linking.py`)
+              (`decomotion/data/linking.py`), but without its matches by appearance
 
 Cycle errors are forward-backward errors in pixels of a frame whose longer side is 256. Flow and linking are the
 trainer's and are imported when a baseline is made: the rest of the toolkit does without its libraries.
