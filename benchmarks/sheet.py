@@ -21,12 +21,13 @@ from decomo_runtime.removal import remove_objects
 from decomo_runtime.rendering import LAYERS, render
 from decomotion.console import run
 from decomotion.files import replacing
+from decomotion.images import jpeg
 from harness.clips import read_clips
 from harness.models import model_files
 
 TITLES = ("clip", "fused", "static", "objects", "mask", "depth", "removed")
 HEADING = 26
-QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 85)
+QUALITY = 85
 
 
 @click.command(context_settings={"show_default": True})
@@ -43,12 +44,12 @@ def main(dataset: str, models: tuple[Path, ...], out: Path, frames: str, width: 
         video = read_clips(dataset, [tracker.clip_name])[tracker.clip_name].video.frames()
         picture = out / f"{tracker.clip_name}.jpg"
         with replacing(picture) as temporary:
-            temporary.write_bytes(cv2.imencode(".jpg", sheet(tracker, video, wanted, width), QUALITY)[1].tobytes())
+            temporary.write_bytes(jpeg(sheet(tracker, video, wanted, width), QUALITY))
         click.echo(f"wrote {picture}")
 
 
 def sheet(tracker: Tracker, video: np.ndarray, wanted: list[int], width: int) -> np.ndarray:
-    """The sheet of one clip [T, H, W, 3], `width` pixels wide: BGR."""
+    """The sheet of one clip [T, H, W, 3], `width` pixels wide: RGB."""
     pictures = []
     for frame, removed in zip(wanted, remove_objects(tracker, video, wanted), strict=True):
         pictures += [video[frame], *map(flattened, render(tracker, frame, LAYERS)), removed]
@@ -59,7 +60,7 @@ def sheet(tracker: Tracker, video: np.ndarray, wanted: list[int], width: int) ->
     for column, title in enumerate(TITLES):
         place = (column * width // len(TITLES) + 6, 19)
         cv2.putText(heading, title, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
-    return cv2.cvtColor(np.concatenate([heading, tiles.astype(np.uint8)]), cv2.COLOR_RGB2BGR)
+    return np.concatenate([heading, tiles.astype(np.uint8)])
 
 
 if __name__ == "__main__":

@@ -8,9 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from decomotion.compositing import composite, composite_weights
+from decomotion.compositing import composite
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.volume import Matter
 from decomotion.rays import FAR
 
 SIDE = 128
@@ -36,7 +35,8 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
         weights = rays.fused_static + rays.fused_dynamic
         depth = (composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]) / FAR
         confidence = rays.static_confidence[..., None]
-        static, dynamic = _as_if_opaque(rays.static), _as_if_opaque(rays.dynamic)
+        static = _as_if_opaque(rays.alone_static, rays.static.colour)
+        dynamic = _as_if_opaque(rays.alone_dynamic, rays.dynamic.colour)
         objects = dynamic * (1 - confidence) + confidence
         layers = [rays.fused_colour(), static, objects, confidence.expand_as(static), depth.expand_as(static)]
         rows.append(torch.stack(layers, dim=2))
@@ -44,7 +44,8 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
     return (picture.permute(0, 2, 1, 3).reshape(height, 5 * width, 3) * 255).round().byte().cpu().numpy()
 
 
-def _as_if_opaque(matter: Matter) -> Float[Tensor, "1 point 3"]:
+def _as_if_opaque(
+    weights: Float[Tensor, "1 point sample"], colour: Float[Tensor, "1 point sample 3"]
+) -> Float[Tensor, "1 point 3"]:
     """Colour of a volume alone: the mean of its samples' by weight."""
-    weights = composite_weights(matter.density)
-    return composite(weights, matter.colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
+    return composite(weights, colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)

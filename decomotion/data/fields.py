@@ -28,7 +28,7 @@ from decomotion.data.flow.interface import kept, to_raster
 from decomotion.data.intervals import couples_of
 from decomotion.data.linking import cycle_error, sample
 from decomotion.data.matching import Matches, MatchStore
-from decomotion.data.stages import write_whole
+from decomotion.data.stages import write_array
 from decomotion.images import filled
 
 Couple = tuple[int, int]
@@ -92,7 +92,7 @@ class FlowFields:
         if self.estimator.guided and (starts := self._starts(couple, shorter)) is not None:
             both = nearer(both, self._ask(couple, starts))
         for (first, second), field in zip((couple, couple[::-1]), both, strict=True):
-            write_whole(self._file(first, second), partial(_save, field=field.astype(np.float16)))
+            write_array(self._file(first, second), field.astype(np.float16))
 
     def _ask(self, couple: Couple, starts: tuple[Field | None, Field | None]) -> BothWays:
         frames = self.clip.frames
@@ -169,8 +169,3 @@ def _each(task: Callable[[Couple], None], couples: Iterable[Couple], concurrent:
             yield from pool.map(task, couples)
     finally:
         cv2.setNumThreads(threads)
-
-
-def _save(path: Path, field: np.ndarray) -> None:
-    with path.open("wb") as file:
-        np.save(file, field)

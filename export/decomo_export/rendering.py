@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -79,16 +80,21 @@ class FrozenRays:
         static, dynamic = self.shares()
         return static / (static + dynamic).clamp_min(1e-6)
 
+    @cached_property
+    def alone(self) -> list[Float[Tensor, "point sample"]]:
+        """Weights of each volume's samples where it is alone."""
+        return [composite_weights(matter.density) for matter in self.matter]
+
     def opacities(self) -> list[Float[Tensor, " point"]]:
-        """Total weight of each volume's samples where it is alone, at most 1."""
-        return [composite_weights(matter.density).sum(-1) for matter in self.matter]
+        """Their sum, at most 1."""
+        return [weights.sum(-1) for weights in self.alone]
 
     def colours(self) -> tuple[Float[Tensor, "3 point"], ...]:
         """RGB in [0, 1]: fused; then static alone and dynamic alone, both as if they were opaque."""
         fused = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.weights, self.matter, strict=True)]
         alone = [
-            (composite_weights(matter.density) * matter.colour).sum(-1) / opacity.clamp_min(1e-3)
-            for matter, opacity in zip(self.matter, self.opacities(), strict=True)
+            (weights * matter.colour).sum(-1) / weights.sum(-1).clamp_min(1e-3)
+            for weights, matter in zip(self.alone, self.matter, strict=True)
         ]
         return fused[0] + fused[1], *alone
 

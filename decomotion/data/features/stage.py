@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from decomotion.clip import Clip
 from decomotion.data.features.interface import FeatureExtractor
 from decomotion.data.features.reduction import SAMPLE, Reduction, fit_reduction
 from decomotion.data.sampling import sample_map
-from decomotion.data.stages import write_whole
+from decomotion.data.stages import write_array
 
 REDUCTION = "reduction.npz"
 
@@ -42,7 +41,7 @@ def build_feature_arrays(
         file = read / f"{frame}.npy"
         if not _readable(file):
             described = sample_map(extractor(clip.frames[frame]), points[frame], clip.height, clip.width)
-            write_whole(file, partial(_save, values=described.astype(np.float16)))
+            write_array(file, described.astype(np.float16))
     stride = max(1, len(clip) * points.shape[1] // SAMPLE)
     sample = np.concatenate([np.load(read / f"{frame}.npy")[::stride] for frame in range(len(clip))])
     reduction = fit_reduction(sample, size)
@@ -71,8 +70,3 @@ def _readable(file: Path) -> bool:
     except (OSError, ValueError):
         return False
     return True
-
-
-def _save(path: Path, values: npt.NDArray) -> None:
-    with path.open("wb") as file:
-        np.save(file, values)
