@@ -69,24 +69,33 @@ class TestFeature:
 class TestSegmentation:
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_right_costs_nothing(self, moving: float):
-        # confidences are kept 1e-4 from 0 and 1
-        loss = segmentation_loss(weights(1 - moving), weights(moving), weights(1.0)).item()
+        # 1e-4 is added to each weight
+        loss = segmentation_loss(weights(1 - moving), weights(moving), weights(moving), weights(1.0)).item()
         assert loss == pytest.approx(0, abs=2e-4)
 
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_wrong_costs_much_but_not_all(self, moving: float):
-        loss = segmentation_loss(weights(moving), weights(moving), weights(1.0)).item()
+        loss = segmentation_loss(weights(moving), weights(1 - moving), weights(moving), weights(1.0)).item()
         assert loss == pytest.approx(-math.log(1e-4), rel=1e-3)
 
     def test_by_hand(self):
-        loss = segmentation_loss(weights(0.25, 0.25, 0.1), weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
-        assert loss.item() == pytest.approx(-(math.log(0.25) + math.log(0.75)) / 3)
+        static, dynamic = weights(0.25, 0.25, 0.1), weights(0.5, 0.75, 0.9)
+        loss = segmentation_loss(static, dynamic, weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
+        assert loss.item() == pytest.approx(-(math.log(0.25) + math.log(0.75)) / 3, rel=1e-3)
 
     def test_gradient_leads_to_the_mask(self):
-        confidence = weights(0.5, 0.5).requires_grad_()
-        segmentation_loss(confidence, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
-        assert confidence.grad is not None
-        assert confidence.grad[0, 0] < 0 < confidence.grad[0, 1]
+        static, dynamic = weights(0.5, 0.5).requires_grad_(), weights(0.5, 0.5).requires_grad_()
+        segmentation_loss(static, dynamic, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
+        assert static.grad is not None and dynamic.grad is not None
+        assert static.grad[0, 0] < 0 == static.grad[0, 1]
+        assert dynamic.grad[0, 1] < 0 == dynamic.grad[0, 0]
+
+    def test_a_hole_is_filled(self):
+        """Where no volume has weight and confidence says the wrong one, confidence still learns."""
+        logit = weights(-9.0).requires_grad_()
+        beta = torch.sigmoid(logit)
+        segmentation_loss(beta * 0.8, (1 - beta) * 0.0, weights(0.0), weights(1.0)).backward()
+        assert logit.grad is not None and logit.grad.item() < -0.1
 
 
 class TestDistortion:
