@@ -86,7 +86,8 @@ class TestSegmentation:
     def test_gradient_leads_to_the_mask(self):
         static, dynamic = weights(0.5, 0.5).requires_grad_(), weights(0.5, 0.5).requires_grad_()
         segmentation_loss(static, dynamic, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
-        assert static.grad is not None and dynamic.grad is not None
+        assert static.grad is not None
+        assert dynamic.grad is not None
         assert static.grad[0, 0] < 0 == static.grad[0, 1]
         assert dynamic.grad[0, 1] < 0 == dynamic.grad[0, 0]
 
@@ -95,7 +96,8 @@ class TestSegmentation:
         logit = weights(-9.0).requires_grad_()
         beta = torch.sigmoid(logit)
         segmentation_loss(beta * 0.8, (1 - beta) * 0.0, weights(0.0), weights(1.0)).backward()
-        assert logit.grad is not None and logit.grad.item() < -0.1
+        assert logit.grad is not None
+        assert logit.grad.item() < -0.1
 
 
 class TestDistortion:
