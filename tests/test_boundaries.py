@@ -109,7 +109,7 @@ def test_runtime_and_eval_name_no_training_library_even_in_a_function(package: s
 def test_every_library_used_is_declared(package: str):
     """In the base install for runtime, eval and the ground floor; an extra for the rest."""
     base, extras = PROJECT["dependencies"], PROJECT["optional-dependencies"]
-    extra = [*extras["train"], *extras["dino"]]
+    extra = extras["train"]
     distributions_of = packages_distributions()
     for module, file in modules_of(package):
         torch_free = package in TORCH_FREE or module in GROUND_FLOOR

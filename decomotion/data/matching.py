@@ -4,8 +4,8 @@ Flow follows a point while it moves a little at a time; what was hidden for long
 lost to it. Descriptors of two scales and the colour are compared between coarse grids of cells over both frames, all
 with all. A match is trusted where it is mutual and where cells around it moved likewise.
 
-Positions are refined to a fraction of a cell; they are less precise than flow, so that linking takes a match only where
-no flow leads (`decomotion/data/linking.py`).
+Positions are refined to a fraction of a cell; they are less precise than flow, so that linking takes a match where
+flow is lost or has added up a larger error (`decomotion/data/linking.py`).
 """
 
 from __future__ import annotations

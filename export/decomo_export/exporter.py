@@ -57,7 +57,7 @@ def export(
         path: the .onnx file to write.
         run: the run's folder; default: the most recent one in `runs/`.
         bake: what of each frame's visible surface is rendered now and kept as a table: nothing, its pseudo-depth, or
-            also its canonical coordinates (`baking.py`).
+            its canonical coordinates (`baking.py`).
         precision: of the weights in the file (`precision.py`).
         force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -19,7 +20,8 @@ from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
-from tiny_fit import tiny_model
+from decomotion.model.fusion import Prediction
+from tiny_fit import randomised, tiny_model
 
 
 def pair_of_points(*values: list[float]) -> Tensor:
@@ -146,45 +148,72 @@ def test_an_unknown_loss_is_named():
         check_names({"flow_fussed": 1.0})
 
 
-GUIDED = {"flow_dynamic", "flow_static", "photometric_dynamic", "photometric_static", "feature", "segmentation"}
+def drawn(shape: tuple[int, ...], seed: int) -> Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
 
 
-class TestGuidance:
-    """Which losses look at the motion mask, and at which points."""
+def an_example() -> tuple[Prediction, Batch]:
+    """An unfitted model's prediction; confidence and mask differ from point to point, some points have no mask."""
+    shape = (2, 6)
+    xy = 20 * drawn((*shape, 2), 0)
+    masked = (drawn(shape, 1) > 0.3).float()
+    batch = Batch(
+        frame=torch.tensor([0, 3]),
+        target_frame=torch.tensor([1, 4]),
+        point=torch.zeros(shape, dtype=torch.int64),
+        xy=xy,
+        target_xy=xy + 3,
+        confidence=drawn(shape, 2),
+        rgb=drawn((*shape, 3), 3),
+        feature=drawn((*shape, 3), 4),
+        moving=masked * drawn(shape, 5),
+        masked=masked,
+    )
+    model = randomised(tiny_model("cpu"), 0.3)
+    return model.predict(xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(0)), batch
 
-    @staticmethod
-    def values(moving: float, masked: float) -> dict[str, float]:
-        """Every loss of an unfitted model, where the mask is the same at all points."""
-        model = tiny_model("cpu")
-        generator = torch.Generator().manual_seed(0)
-        shape = (2, 6)
-        xy = 20 * torch.rand(*shape, 2, generator=generator)
-        frame, target = torch.tensor([0, 3]), torch.tensor([1, 4])
-        batch = Batch(
-            frame=frame,
-            target_frame=target,
-            point=torch.zeros(shape, dtype=torch.int64),
-            xy=xy,
-            target_xy=xy + 3,
-            confidence=torch.ones(shape),
-            rgb=torch.rand(*shape, 3, generator=generator),
-            feature=torch.rand(*shape, 3, generator=generator),
-            moving=torch.full(shape, moving),
-            masked=torch.full(shape, masked),
-        )
-        prediction = model.predict(xy, frame, target, generator)
-        return {name: loss(prediction, batch).item() for name, loss in LOSSES.items()}
 
-    def test_what_moves_is_the_dynamic_volume_s(self):
-        values = self.values(moving=1.0, masked=1.0)
-        assert {name for name in GUIDED if not values[name]} == {"flow_static", "photometric_static"}
+def test_every_loss_is_what_its_equation_says():
+    """Written out (paper, Eq. 6 to 13), so that each is known to look at its own volume, weights and mask."""
+    p, b = an_example()
+    c, moving, still = b.confidence, b.moving, b.masked - b.moving
 
-    def test_what_stands_still_is_the_static_volume_s(self):
-        values = self.values(moving=0.0, masked=1.0)
-        assert {name for name in GUIDED if not values[name]} == {"flow_dynamic", "photometric_dynamic", "feature"}
+    def away(xy: Tensor) -> Tensor:
+        return (xy - b.target_xy).abs().sum(-1)
 
-    def test_without_a_mask_the_fused_losses_decide_alone(self):
-        values = self.values(moving=0.0, masked=0.0)
-        assert {name for name in LOSSES if name.startswith(tuple(GUIDED)) and values[name]} == set()
-        assert values["flow_fused"] > 0
-        assert values["photometric_fused"] > 0
+    def unlike(rgb: Tensor) -> Tensor:
+        return (rgb - b.rgb).square().sum(-1)
+
+    def spread(weights: Tensor) -> Tensor:
+        return distortion_loss(weights, p.depths, 0.0, 2.0)
+
+    def beyond(depths: Tensor) -> Tensor:
+        return (depths - depths.clamp(0, 2)).square().mean()
+
+    expected = {
+        "flow_dynamic": (c * moving * away(p.dynamic_xy)).mean(),
+        "flow_static": (c * still * away(p.static_xy)).mean(),
+        "flow_fused": (c * away(p.fused_xy)).mean(),
+        "flow_robust": (c * 2 * torch.log1p(away(p.fused_xy) / 2)).mean(),
+        "photometric_dynamic": (moving * unlike(p.dynamic_rgb)).mean(),
+        "photometric_static": (still * unlike(p.static_rgb)).mean(),
+        "photometric_fused": unlike(p.fused_rgb).mean(),
+        "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
+        "segmentation": -(still * p.fused_static.log() + moving * p.fused_dynamic.log()).mean(),
+        "scene_flow": p.acceleration.abs().sum(-1).mean(),
+        "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
+        "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),
+    }
+    assert set(expected) == set(LOSSES)
+    for name, value in expected.items():
+        torch.testing.assert_close(LOSSES[name](p, b), value, rtol=2e-3, atol=1e-6)
+
+
+def test_without_a_mask_the_fused_losses_decide_alone():
+    prediction, batch = an_example()
+    batch = replace(batch, moving=torch.zeros(2, 6), masked=torch.zeros(2, 6))
+    values = {name: loss(prediction, batch).item() for name, loss in LOSSES.items()}
+    guided = ("flow_dynamic", "flow_static", "photometric_dynamic", "photometric_static", "feature", "segmentation")
+    assert not any(values[name] for name in guided)
+    assert values["flow_fused"] > 0
+    assert values["photometric_fused"] > 0

@@ -34,14 +34,16 @@ def matched(*frames: np.ndarray) -> MatchStore:
     return MatchStore(clip_of(*frames), MatchingConfig(intervals=(1, 2), supporters=10), progress=False)
 
 
-def test_a_known_shift_is_found() -> None:
+@pytest.mark.parametrize(("down", "right"), [(8, 20), (7, 22), (1, -3)])
+def test_a_known_shift_is_found(down: int, right: int) -> None:
+    """In whole cells of 4 pixels, and between them."""
     image = textured(0)
-    store = matched(image, np.roll(image, (8, 20), axis=(0, 1)))
+    store = matched(image, np.roll(image, (down, right), axis=(0, 1)))
     forward, backward = store(0, 1), store(1, 0)
     cell = WIDTH / forward.trusted.shape[1]
     assert forward.trusted.mean() > 0.5
-    assert_allclose(np.median(forward.displacement[forward.trusted], axis=0) * cell, [20, 8], atol=0.3)
-    assert_allclose(np.median(backward.displacement[backward.trusted], axis=0) * cell, [-20, -8], atol=0.3)
+    assert_allclose(np.median(forward.displacement[forward.trusted], axis=0) * cell, [right, down], atol=0.3)
+    assert_allclose(np.median(backward.displacement[backward.trusted], axis=0) * cell, [-right, -down], atol=0.3)
 
 
 def test_a_frame_matches_itself_where_it_is() -> None:
@@ -88,6 +90,27 @@ def test_a_point_hidden_longer_than_flow_reaches_is_found_again(step: int) -> No
     assert not last.occluded[0, 0]
     assert_allclose(last.xy[0, 0], [8 + 2 * step] * 2)
     assert all(each.occluded.all() for each in links[:-1])
+
+
+def test_a_match_leads_on_from_its_own_cell_and_only_where_flow_does_not() -> None:
+    """4 rows of 8 cells over a raster of 16 x 32 pixels; flow is lost in the left half, still in the right."""
+    points = np.array([[4.0, 1.0], [9.0, 6.0], [13.0, 14.0], [25.0, 9.0]], np.float32)
+    displacement, trusted = np.zeros((4, 8, 2), np.float32), np.ones((4, 8), bool)
+    displacement[0, 1] = (2.0, 1.0)  # cells: 8 and 4 pixels
+    displacement[1, 2] = (-1.0, 0.5)
+    displacement[3, 3] = (0.25, 0.0)
+    trusted[3, 3] = False
+    displacement[2, 6] = (1.0, 1.0)
+
+    def flow(source: int, target: int) -> np.ndarray:
+        field = np.zeros((16, 32, 2), np.float32)
+        field[:, :16] = 3.0 if target > source else 4.0  # forward and back do not agree
+        return field
+
+    sources = np.stack([points, points])
+    (links,) = link(sources, flow, (1,), 1.0, 10, 1, lambda i, j: Matches(displacement, trusted), match_intervals=(1,))
+    assert links.occluded[0].tolist() == [False, False, True, False]
+    assert_allclose(links.xy[0, [0, 1, 3]], [[12.0, 5.0], [5.0, 8.0], [25.0, 9.0]])
 
 
 @pytest.mark.parametrize(

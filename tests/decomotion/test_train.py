@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
+from itertools import count
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.losses import LOSSES
 from decomotion.model.fusion import DecoMotion
 from decomotion.run import Run
-from decomotion.schedule import Budget
+from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 from decomotion.train import choose_device, fit, start_maps
 from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
 
@@ -90,8 +91,14 @@ class TestLearning:
         assert loaded.config == config
 
     def test_without_masks(self, tmp_path: Path):
-        config = tiny_config("cpu", "data.masks=none")
-        fit(CLIP, tmp_path / "run", config=config, steps=2, progress=False)
+        from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+        config = tiny_config("cpu", "data.masks=none", "log.scalars_every=1")
+        run = fit(CLIP, tmp_path / "run", config=config, steps=2, progress=False)
+        events = EventAccumulator(str(run / "tensorboard")).Reload()
+        values = {name: [event.value for event in events.Scalars(f"loss/{name}")] for name in LOSSES}
+        assert values["flow_static"] == values["flow_dynamic"] == values["segmentation"] == [0, 0]
+        assert min(values["flow_fused"]) > 0
 
     def test_the_seed_decides(self, tmp_path: Path):
         runs = [
@@ -210,13 +217,27 @@ def test_nothing_to_resume(tmp_path: Path):
 
 
 class TestBudget:
-    def test_of_time(self, tmp_path: Path):
-        prepare(CLIP, tiny_config().data, progress=False)
-        begin = time.monotonic()
-        run = fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=2.0, progress=False)
-        # the end: one step, a checkpoint and a preview, on a machine that may be busy
-        assert 2 <= time.monotonic() - begin < 6
-        assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] > 2
+    @pytest.fixture
+    def clock(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Every look at it takes a tenth of a second."""
+        ticks = count()
+        watch = SimpleNamespace(monotonic=lambda: next(ticks) / 10)
+        for module in ("decomotion.run", "decomotion.train"):
+            monkeypatch.setattr(f"{module}.time", watch)
+
+    @pytest.mark.usefixtures("clock")
+    @pytest.mark.parametrize("masks", ["auto", "rigid-first"])
+    def test_of_time(self, tmp_path: Path, masks: str):
+        """What an interrupted run has used up, a resumed one does not get again."""
+        config = tiny_config("cpu", f"data.masks={masks}")
+        straight = fit(CLIP, tmp_path / "straight", config=config, time_budget=3.0, progress=False)
+        with interruption(5, ctrl_c), pytest.raises(KeyboardInterrupt):
+            fit(CLIP, tmp_path / "broken", config=config, time_budget=3.0, progress=False)
+        broken = fit(CLIP, tmp_path / "broken", resume=True, progress=False)
+        one, other = (checkpoint.load(run / checkpoint.FILE_NAME).training for run in (straight, broken))
+        assert 3.0 <= min(one["elapsed"], other["elapsed"]) <= max(one["elapsed"], other["elapsed"]) < 3.5
+        assert one["step"] > 6
+        assert abs(one["step"] - other["step"]) < 5  # stopping takes a few looks at the clock
 
     def test_of_which_preparation_takes_most(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
         fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=1e-3, progress=False)
@@ -264,9 +285,18 @@ class TestDevice:
             choose_device("gpu")
 
     @pytest.mark.gpu
-    def test_a_fit_on_the_gpu(self, tmp_path: Path):
+    def test_a_fit_on_the_gpu(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        whole, used = Run.optimise, []
+
+        def optimise(run: Run, progress: float) -> dict[str, float]:
+            used.append(next(run.model.parameters()).device.type)
+            return whole(run, progress)
+
+        monkeypatch.setattr(Run, "optimise", optimise)
         run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=2, device="cuda", progress=False)
-        assert next(model_of(run).parameters()).device.type == "cpu"
+        fit(CLIP, run, resume=True, steps=3, device="cuda", progress=False)
+        assert used == ["cuda"] * 3
+        assert next(model_of(run).parameters()).device.type == "cpu"  # read anywhere
 
 
 @pytest.fixture
@@ -277,18 +307,16 @@ def run(tmp_path: Path) -> Run:
 
 def test_micro_batches_give_the_gradient_of_the_whole(run: Run):
     """And the same losses: all are means over pairs of equal size."""
-    weights: dict[str, Any] = dict.fromkeys(LOSSES, 1.0)
+    run.losses = dict.fromkeys(LOSSES, 1.0)
     with torch.no_grad():
         for parameter in run.model.parameters():
             parameter += 0.02 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(0))
-    batch = run.sampler.draw(4, torch.Generator().manual_seed(0))
+    before = deepcopy(run.model.state_dict())
     results = []
-    for size in (4, 2, 1):
-        run.optimiser.zero_grad()
-        generator, totals = torch.Generator().manual_seed(3), dict.fromkeys(LOSSES, 0.0)
-        for first in range(0, 4, size):
-            values = run.accumulate(batch.pairs(first, first + size), weights, size / 4, generator)
-            totals = {name: total + size / 4 * values[name] for name, total in totals.items()}
+    for size in (0, 3, 2, 1):  # of 4 pairs; 0: all, and 3 leaves a rest
+        run.model.load_state_dict(before)
+        run.config = run.config.model_copy(update={"optim": run.config.optim.model_copy(update={"micro_batch": size})})
+        totals = run.optimise(0.5)
         results.append((totals, [p.grad.clone() for p in run.model.parameters() if p.grad is not None]))
     (whole, gradient), *parts = results
     for values, part in parts:
@@ -296,6 +324,24 @@ def test_micro_batches_give_the_gradient_of_the_whole(run: Run):
         for one, other in zip(gradient, part, strict=True):
             # float32 sums in another order
             torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4 * float(one.abs().max()) + 1e-8)
+
+
+def test_a_step_follows_the_schedules(run: Run, monkeypatch: pytest.MonkeyPatch):
+    """Learning rates, weights of the losses and the longest gap, as they are at that point of the run."""
+    gaps, weighed = [], []
+    draw, accumulate = run.sampler.draw, run.accumulate
+    monkeypatch.setattr(run.sampler, "draw", lambda gap, generator: gaps.append(gap) or draw(gap, generator))
+    monkeypatch.setattr(
+        run, "accumulate", lambda batch, weights, *rest: weighed.append(weights) or accumulate(batch, weights, *rest)
+    )
+    optim = run.config.optim
+    for progress in (0.0, 0.45, 0.9):
+        run.optimise(progress)
+        assert gaps.pop() == longest_gap(optim, progress, FRAMES)
+        assert weighed.pop() == {name: value_at(weight, progress) for name, weight in run.config.loss.items()}
+        for group in run.optimiser.param_groups:
+            assert group["lr"] == group["base_lr"] * learning_rate_factor(optim, progress)
+    assert longest_gap(optim, 0.0, FRAMES) < longest_gap(optim, 0.45, FRAMES)
 
 
 def test_every_parameter_has_one_learning_rate(run: Run):

@@ -7,9 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from decomo_export import baking, lookup
 from decomo_export.baking import LEVELS, BakedSurfaces
 from decomo_export.graph import QueryGraph
-from decomo_export.lookup import CellGrid
+from decomo_export.lookup import CellGrid, Raster
 from decomotion.compositing import composite, composite_weights
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import answer, surface_of
@@ -59,15 +60,26 @@ def test_the_same_answers_as_the_definition(model: DecoMotion):
     for weights, matter, given in zip(alone, (rays.static, rays.dynamic), (rgb_static, rgb_dynamic), strict=True):
         expected = composite(weights, matter.colour[:, 0]) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
         torch.testing.assert_close(given, expected, rtol=0, atol=1e-3)
-    assert ((depth >= 0) & (depth <= 2)).all()
+    fused = (rays.fused_static + rays.fused_dynamic)[:, 0]
+    mean_depth = composite(fused, rays.depths[:, 0, :, None])[:, 0] / fused.sum(-1)
+    torch.testing.assert_close(depth, mean_depth, rtol=0, atol=1e-4)
 
 
 @torch.no_grad()
 @pytest.mark.parametrize("canonical", [False, True])
-def test_at_pixel_centres_a_table_is_what_was_rendered(model: DecoMotion, canonical: bool):
+@pytest.mark.parametrize("side", [32, 16, 11])
+def test_at_its_samples_a_table_is_what_was_rendered(
+    model: DecoMotion, canonical: bool, side: int, monkeypatch: pytest.MonkeyPatch
+):
+    """On the clip's own raster, half of it, and one that does not divide it: 32x24 becomes 11x8."""
+    monkeypatch.setattr(baking, "SIDE", side)
     surfaces = BakedSurfaces(QueryGraph(model, "none").model, canonical=canonical)
+    width, height = side, round(side * HEIGHT / WIDTH)
+    assert surfaces.codes.shape[:2] == (height, width)
     frame = torch.tensor([0, 2, 4])
-    xy = torch.tensor([[3.0, 31.0, 0.0], [5.0, 23.0, 0.0]])
+    samples = torch.tensor([[3.0, width - 1.0, 0.0], [5.0, height - 1.0, 0.0]])
+    size, raster = torch.tensor([[WIDTH], [HEIGHT]]), torch.tensor([[width], [height]])
+    xy = (samples + 0.5) * size / raster - 0.5  # a raster covers the frame from edge to edge
     given = surfaces(xy, frame)
     found = torch.empty(3, 3)
     for part in surfaces.model.parts(given.is_static):
@@ -121,3 +133,15 @@ def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: str):
     rows, home = np.arange(20), queries[:, 0].long()
     assert torch.equal(tracks[rows, home], queries[:, 1:])
     assert (occlusion[rows, home] == 0).all()
+
+
+def test_cells_of_a_large_table_are_counted_in_double_precision(monkeypatch: pytest.MonkeyPatch):
+    """Their numbers pass what float32 holds; here the limit is lowered so that both ways can be compared."""
+    place = torch.tensor([[0.3, 30.9, 40.0, -1.0], [0.0, 22.5, 7.2, 3.9]])
+    frame = torch.tensor([0, 4, 2, 1])
+    single = Raster(FRAMES, HEIGHT, WIDTH)
+    monkeypatch.setattr(lookup, "EXACT", 1)
+    double = Raster(FRAMES, HEIGHT, WIDTH)
+    assert (single.stride.dtype, double.stride.dtype) == (torch.float32, torch.float64)
+    for one, other in zip(single(place, frame), double(place, frame), strict=True):
+        assert torch.equal(one, other)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import onnx
+import onnxruntime as ort
 import pytest
 from onnx import TensorProto
 
@@ -32,17 +33,18 @@ def test_float16_weights_of_a_fully_baked_model(canonical: Export):
     assert np.isfinite(Tracker(canonical.path).track([(0, 3, 4)]).xy).all()
 
 
-def test_a_large_deviation_is_refused(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    proto = onnx.ModelProto()
+def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(exporter, "_trace", lambda graph: fitted.proto())
     monkeypatch.setattr(exporter, "_on_demand", lambda whole: whole)
-    monkeypatch.setattr(exporter, "reduce_precision", lambda whole, precision: proto)
     monkeypatch.setattr(exporter, "deviation", lambda *_: Deviation(0.3, 0.75))
     with pytest.raises(
         ExportError, match=r"0\.3 px in the mean and 0\.75 px at the 99th .*nothing was written; .*--force"
     ):
         export(tmp_path / "model.onnx", fitted.run, precision="fp16")
     assert not list(tmp_path.iterdir())
+    forced = export(tmp_path / "model.onnx", fitted.run, precision="fp16", force=True)
+    facts = {entry.key: entry.value for entry in onnx.load(forced.path).metadata_props}
+    assert [float(word) for word in facts[contract.META_DEVIATION].split()] == [0.3, 0.75]
 
 
 def test_int8_needs_wide_layers(networks: Export):
@@ -64,6 +66,11 @@ def test_int8_quantises_a_wide_layer():
     assert "MatMulInteger" in {node.op_type for node in reduced.graph.node}
     assert {node.domain for node in reduced.graph.node} == {""}
     assert [opset.domain for opset in reduced.opset_import] == [""]
+    x = np.random.default_rng(1).normal(size=(5, 64)).astype(np.float32)
+    given = ort.InferenceSession(reduced.SerializeToString()).run(["y"], {"x": x})[0]
+    # each weight and each input is rounded to 1 of 255 steps, 64 such errors are added
+    np.testing.assert_allclose(given, x @ weights, atol=0.3)
+    assert np.abs(x @ weights).mean() > 5
 
 
 def test_deviation_of_a_graph_from_itself(fitted: Export):

@@ -79,11 +79,16 @@ def test_trails_without_the_camera_s_motion(
     model_path: Path, clip_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
-    arguments = ["--grid", "16@1", "--out", tmp_path / "a.npz", "--clip", clip_path, "--trails", "camera"]
-    overlay = tmp_path / "a.mp4"
-    assert main([str(argument) for argument in (model_path, *arguments, "--overlay", overlay)]) == 0
-    with av.open(str(overlay)) as container:
-        assert len(list(container.decode(video=0))) == NUM_FRAMES
+    last = {}
+    for trails in ("image", "camera"):
+        overlay = tmp_path / f"{trails}.mp4"
+        arguments = ["--grid", "16@1", "--out", tmp_path / "a.npz", "--clip", clip_path, "--trails", trails]
+        assert main([str(argument) for argument in (model_path, *arguments, "--overlay", overlay)]) == 0
+        with av.open(str(overlay)) as container:
+            frames = [frame.to_ndarray(format="rgb24").astype(int) for frame in container.decode(video=0)]
+        assert len(frames) == NUM_FRAMES
+        last[trails] = frames[-1]
+    assert (np.abs(last["image"] - last["camera"]).max(axis=2) > 60).sum() > 50  # pixels of trails that are gone
 
 
 def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime import ModelFileError, SessionError, Tracker, contract
+from decomo_runtime.model_file import open_session
 
 WriteModel = Callable[..., Path]
 OPTIONAL = (
@@ -148,5 +149,7 @@ def test_absent_provider(model_path: Path, provider: Any):
 
 
 def test_providers_and_options_pass_through(model_path: Path):
-    Tracker(model_path, providers=[("CPUExecutionProvider", {})])
-    Tracker(model_path, providers=["CPUExecutionProvider"], threads=2)
+    for providers in (["CPUExecutionProvider"], [("CPUExecutionProvider", {})]):
+        session = open_session(model_path, providers, 3)
+        assert session.get_providers() == ["CPUExecutionProvider"]
+        assert session.get_session_options().intra_op_num_threads == 3

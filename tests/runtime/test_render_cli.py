@@ -108,20 +108,30 @@ def test_an_odd_size_becomes_even(model_path: Path, tmp_path: Path):
     assert frames_of(tmp_path / "a.mp4")[0].shape == (18, 22, 3)
 
 
-@pytest.mark.parametrize("trails", ["image", "camera"])
-def test_tracks_on_a_layer(
-    model_path: Path, tracker: Tracker, tmp_path: Path, trails: str, monkeypatch: pytest.MonkeyPatch
+def test_tracks_on_a_layer_with_trails_in_the_image_or_in_the_scene(
+    model_path: Path, tracker: Tracker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    """All that the tiny model shows moves as one: with the camera's motion taken out, nothing has a trail."""
     monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
     tracker.track([(0, 10, 10), (0, 30, 20)]).save(tmp_path / "tracks.npz")
-    arguments = ["--layer", "dynamic", "--overlay", tmp_path / "tracks.npz", "--trails", trails, "--mark", "cross"]
-    assert run(model_path, *arguments, "--frames", "3:6", "--out", tmp_path / "drawn") == 0
-    assert run(model_path, "--layer", "dynamic", "--frames", "3:6", "--out", tmp_path / "plain") == 0
-    assert [path.name for path in sorted((tmp_path / "drawn").iterdir())] == ["00003.png", "00004.png", "00005.png"]
-    drawn = read_png(tmp_path / "drawn" / "00003.png")
-    assert drawn.shape == (11 * HEIGHT, 11 * WIDTH, 3)
-    x, y = (int((place + 0.5) * 11) for place in (10 + 3 * 1.5, 10 - 3 * 0.5))
-    assert np.ptp(drawn[y, x].astype(int)) > 100  # the point's colour
+    drawn = {}
+    for trails in ("image", "camera"):
+        arguments = ["--layer", "dynamic", "--overlay", tmp_path / "tracks.npz", "--trails", trails, "--mark", "cross"]
+        assert run(model_path, *arguments, "--frames", "3:6", "--out", tmp_path / trails) == 0
+        assert [path.name for path in sorted((tmp_path / trails).iterdir())] == ["00003.png", "00004.png", "00005.png"]
+        drawn[trails] = read_png(tmp_path / trails / "00003.png").astype(int)
+        assert drawn[trails].shape == (11 * HEIGHT, 11 * WIDTH, 3)
+
+    def colourful(picture: np.ndarray, frame: int) -> bool:
+        """Where the first point is in `frame`."""
+        x, y = (int((place + 0.5) * 11) for place in (10 + frame * 1.5, 10 - frame * 0.5))
+        return bool(np.ptp(picture[y, x]) > 100)
+
+    assert colourful(drawn["image"], 3)
+    assert colourful(drawn["camera"], 3)
+    apart = np.abs(drawn["image"] - drawn["camera"]).max(axis=2)
+    behind = apart[107:124, 121:138]  # about where it was in frames 0 and 1
+    assert (behind > 60).any()
 
 
 def test_the_clip_without_its_objects(

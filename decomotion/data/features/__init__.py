@@ -29,7 +29,7 @@ def build_features(config: DataConfig, device: str = "cpu") -> FeatureExtractor 
             if error.name != "timm":
                 raise
             raise SupervisionError(
-                "features dino need timm, which is not installed; run: pip install 'decomotion[dino]', "
+                "features dino need timm, which is not installed; run: pip install 'decomotion[train]', "
                 "or take --features densesift"
             ) from error
         return DinoFeatures(config.feature_weights, device)

@@ -25,7 +25,7 @@ DOWNLOADED = "vit_base_patch8_224.dino"
 SIZES = {384: "small", 768: "base"}
 """timm's names of the transformers by their channels."""
 DINO_SIDE = 512
-"""Frames are brought to this longer side: 64 patches of 8 pixels."""
+"""Frames are reduced to this longer side at most: 64 patches of 8 pixels."""
 HUB_FILE = "model.safetensors"
 """Under which timm's repositories hold their weights."""
 REACH_SECONDS = 10.0
