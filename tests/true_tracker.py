@@ -12,14 +12,19 @@ from tiny_fit import FRAMES, SIZE, SQUARE, SQUARE_START, SQUARE_VELOCITY, on_squ
 
 
 class TrueTracker:
-    """Answers as `decomo_runtime.Tracker` does; `static`: what `static_confidence` is off the square."""
+    """Answers as `decomo_runtime.Tracker` does.
 
-    facts = ModelFacts("sliding", FRAMES, SIZE, SIZE, 24.0, "cpu", 0.5)
-    num_frames, height, width, fps, clip_name = FRAMES, SIZE, SIZE, 24.0, "sliding"
+    Args:
+        static: what `static_confidence` is off the square.
+        height: of the clip, where its lowest rows are cut off.
+    """
+
+    num_frames, width, fps, clip_name = FRAMES, SIZE, 24.0, "sliding"
     path = Path("sliding.onnx")
 
-    def __init__(self, static: float = 1.0) -> None:
-        self.static = static
+    def __init__(self, static: float = 1.0, height: int = SIZE) -> None:
+        self.static, self.height = static, height
+        self.facts = ModelFacts("sliding", FRAMES, height, SIZE, 24.0, "cpu", 0.5)
 
     def sample(self, queries: npt.ArrayLike) -> Appearance:
         queries = np.asarray(queries, np.float32)
@@ -34,7 +39,7 @@ class TrueTracker:
         start, t = queries[:, None, 1:], queries[:, :1]
         xy = true_target(start, t, frames[None]).astype(np.float32)
         covered = on_square(xy, frames[None]) & ~on_square(start, t)
-        occluded = covered | (xy < -0.5).any(-1) | (xy > SIZE - 0.5).any(-1)
+        occluded = covered | (xy < -0.5).any(-1) | (xy > np.array([SIZE, self.height]) - 0.5).any(-1)
         return Tracks(xy, occluded, occluded.astype(np.float32), queries, frames)
 
 

@@ -5,6 +5,7 @@ Also on a real Ray of this machine, started by the command or reached by its add
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import pickle
@@ -21,12 +22,13 @@ import pytest
 from decomo_eval.bench import task
 from decomo_eval.bench.cli import main
 from decomo_eval.bench.cluster import ENVIRONMENT
+from decomo_eval.bench.task import COMMANDS
 
 TRAIN = """
-import os, pathlib, signal, sys, time
+import json, os, pathlib, signal, sys, time
 os.chdir("{root}")
+pathlib.Path("arguments.json").write_text(json.dumps(sys.argv[1:]))
 frames, _, run = sys.argv[1:4]
-assert sys.argv[4:6] == ["--shots", "ignore"] and "--preset" in sys.argv, sys.argv
 clip = pathlib.Path(frames).name
 assert len(list(pathlib.Path(frames).iterdir())) == 11
 calls = pathlib.Path("calls") / clip
@@ -55,8 +57,9 @@ if order == "fails":
 pathlib.Path(run).mkdir()
 """
 EXPORT = """
-import pathlib, sys
+import json, pathlib, sys
 model, _, run = sys.argv[1:4]
+pathlib.Path("{root}", "export.json").write_text(json.dumps(sys.argv[1:]))
 assert pathlib.Path(run).is_dir()
 sys.path.insert(0, "{tests}")
 from tiny_model import write_tiny_model
@@ -73,7 +76,8 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
     monkeypatch.chdir(tmp_path)
     Path("plan").mkdir()
     tests = Path(__file__).parents[1]
-    train, export = TRAIN.replace("{root}", str(tmp_path)), EXPORT.replace("{tests}", str(tests))
+    train = TRAIN.replace("{root}", str(tmp_path))
+    export = EXPORT.replace("{tests}", str(tests)).replace("{root}", str(tmp_path))
     monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
     return lambda *options: main([str(dataset), "--out", "out", *options])
 
@@ -120,6 +124,23 @@ def test_every_video_is_fitted_once_and_scored(bench: Bench, capsys: pytest.Capt
     assert bench() == 0
     assert (calls("left"), calls("right")) == (1, 1)
     assert {o["attempts"] for o in json.loads(Path("out/summary.json").read_text())["finished"]} == {0}
+
+
+def test_the_commands_understand_what_they_are_given(bench: Bench) -> None:
+    """Here stand-ins run; the arguments are parsed by the commands themselves."""
+    pytest.importorskip("torch", reason="what fits needs torch")
+    from decomo_export.cli import command as export
+    from decomotion.cli import command as train
+
+    commands = {stage: importlib.util.find_spec(where[1]) for stage, where in COMMANDS.items() if where[0] == "-m"}
+    assert all(commands[stage] is not None for stage in ("train", "export"))
+    settings = ["--set", "optim.points=32", "--set", "data.masks=none"]
+    assert bench("--preset", "omnimotion", "--time-budget", "90s", "--seed", "7", *settings, "--videos", "left") == 0
+    given = train.make_context("decomo-train", json.loads(Path("arguments.json").read_text())).params
+    asked = {"preset": "omnimotion", "time_budget": 90.0, "steps": None, "seed": 7, "shots": "ignore"}
+    assert {name: given[name] for name in asked} == asked
+    assert list(given["overrides"]) == settings[1::2]
+    export.make_context("decomo-export", json.loads(Path("export.json").read_text()))
 
 
 def test_a_killed_fit_is_tried_again(bench: Bench) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from decomo_runtime import Appearance, RenderError
 from decomo_runtime import objects as objects_module
+from decomo_runtime import removal as removal_module
 from decomo_runtime.objects import Objects
 from decomo_runtime.removal import propagate, remove_objects
 from decomo_runtime.scene_motion import follow_scene
@@ -52,6 +53,26 @@ def test_the_scene_behind_the_square_is_what_other_frames_show():
     apart = np.abs(made[behind].astype(float) - expected[behind]).max(axis=1)
     assert np.quantile(apart, 0.9) <= 2  # rounding and interpolation; next to the masks' edges less is known
     assert np.abs(frames[FRAME][behind].astype(float) - expected[behind]).mean() > 20  # there was something to remove
+
+
+@pytest.mark.parametrize(("near", "fewest"), [(16, 95), (1, 60)])
+def test_rasters_smaller_than_the_clip_and_not_square(monkeypatch: pytest.MonkeyPatch, near: int, fewest: int):
+    """32x24, rendered at 16x12 and compared at 24x18; and where but every fourth frame and the next ones are asked."""
+    height = 24
+    monkeypatch.setattr(objects_module, "RENDERED_SIDE", 16)
+    monkeypatch.setattr(objects_module, "COMPARED_SIDE", 24)
+    monkeypatch.setattr(removal_module, "NEAR", near)
+    frames = sliding_square().frames[:, :height]
+    (made,) = remove_objects(TrueTracker(height=height), frames, [FRAME])
+    expected, known = scene_of(FRAME)
+    behind = (square_mask(FRAME) & known)[:height]
+    assert behind.sum() > 100
+    apart = np.abs(made[behind].astype(float) - expected[:height][behind]).max(axis=1)
+    assert (apart <= 3).sum() >= fewest
+    far = np.ones((height, SIZE), bool)
+    rows, columns = np.nonzero(square_mask(FRAME))
+    far[max(0, rows.min() - 4) : rows.max() + 5, max(0, columns.min() - 4) : columns.max() + 5] = False
+    np.testing.assert_array_equal(made[far], frames[FRAME][far])
 
 
 def test_far_from_the_square_the_clip_s_own_pixels_stay():
