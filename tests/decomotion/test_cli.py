@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from pathlib import Path
 
 import click
@@ -15,7 +13,7 @@ from decomotion.cli import command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES
 from decomotion.options import Duration
-from decomotion.run import Run
+from interruption import ctrl_c, interruption
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
 SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]
@@ -87,16 +85,8 @@ def test_the_cpu_preset_has_a_budget_by_default(frames: Path, monkeypatch: pytes
     assert (asked["steps"], asked["time_budget"], asked["resume"]) == (None, None, True)
 
 
-def test_ctrl_c_says_how_to_go_on(frames: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
-    optimise = Run.optimise
-
-    def interrupted(run: Run, progress: float) -> dict[str, float]:
-        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-        os.kill(os.getpid(), signal.SIGINT)
-        return optimise(run, progress)
-
-    with monkeypatch.context() as patch, caplog.at_level("INFO", logger="decomotion"):
-        patch.setattr(Run, "optimise", interrupted)
+def test_ctrl_c_says_how_to_go_on(frames: Path, caplog: pytest.LogCaptureFixture):
+    with interruption(0, ctrl_c), caplog.at_level("INFO", logger="decomotion"):
         assert main([str(frames), "--steps", "5", *SET_TINY]) == 130
     assert "stopped at step 1" in caplog.text
     assert "--resume" in caplog.text

@@ -18,6 +18,7 @@ from decomotion.losses.distortion import distortion_loss
 from decomotion.losses.feature import feature_loss
 from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
+from decomotion.losses.robust_flow import SCALE, robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
@@ -47,6 +48,26 @@ class TestFlow:
         assert loss.item() == 0
         assert predicted.grad is not None
         assert not predicted.grad.any()
+
+
+class TestRobustFlow:
+    def test_zero_where_all_is_right(self):
+        xy = torch.rand(2, 3, 2)
+        assert robust_flow_loss(xy, xy, torch.ones(2, 3)) == 0
+
+    def test_by_hand(self):
+        """Distances SCALE and 3 SCALE, of weights 1 and a half; a third point does not count."""
+        target = torch.zeros(1, 3, 2)
+        predicted = torch.tensor([[[SCALE, 0.0], [SCALE, -2 * SCALE], [9.0, 9.0]]])
+        loss = robust_flow_loss(predicted, target, torch.tensor([[1.0, 0.5, 0.0]]))
+        assert loss.item() == pytest.approx(SCALE * (math.log(2) + 0.5 * math.log(4)) / 3)
+
+    def test_the_pull_halves_at_the_scale(self):
+        predicted = torch.tensor([[[0.0, 1e-6], [SCALE, 0.0]]], requires_grad=True)
+        robust_flow_loss(predicted, torch.zeros(1, 2, 2), torch.ones(1, 2)).backward()
+        assert predicted.grad is not None
+        pull = predicted.grad.abs().sum(-1)[0]
+        assert (pull[1] / pull[0]).item() == pytest.approx(0.5, rel=1e-3)
 
 
 class TestPhotometric:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +14,9 @@ from decomotion.config import Config, load
 from decomotion.data.pool import UNKNOWN_MOTION
 from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError
-from decomotion.losses.robust_flow import SCALE, robust_flow_loss
-from decomotion.run import Run
 from decomotion.schedule import Budget
 from decomotion.train import fit
+from interruption import ctrl_c, interruption
 from tiny_fit import FRAMES, SIZE, TINY_CPU, on_square, sliding_square
 
 CLIP = sliding_square()
@@ -69,22 +66,12 @@ def test_the_whole_run_goes_on_from_it(tmp_path: Path):
     torch.testing.assert_close(whole.state_dict()[field], alone.state_dict()[field], atol=1e-6, rtol=0)
 
 
-def test_an_interrupted_rigid_stage_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-):
+def test_an_interrupted_rigid_stage_goes_on(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     """The same bits as without the interruption, whether its checkpoint is from the middle or not yet there."""
     straight = fit(CLIP, tmp_path / "straight", config=config(), steps=10, progress=False)
-    optimise = Run.optimise
-
-    def interrupted(run: Run, progress: float) -> dict[str, float]:
-        os.kill(os.getpid(), signal.SIGINT)
-        return optimise(run, progress)
-
     broken = tmp_path / "broken"
-    with monkeypatch.context() as patch, caplog.at_level("INFO"):
-        patch.setattr(Run, "optimise", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            fit(CLIP, broken, config=config(), steps=10, progress=False)
+    with interruption(0, ctrl_c), caplog.at_level("INFO"), pytest.raises(KeyboardInterrupt):
+        fit(CLIP, broken, config=config(), steps=10, progress=False)
     assert f"--resume --out {broken} goes on" in caplog.text
     assert checkpoint.load(broken / rigid.FOLDER / checkpoint.FILE_NAME).training["step"] == 1
     early = tmp_path / "early"
@@ -121,23 +108,3 @@ def test_a_resumed_run_has_the_same_masks(run: Path):
 )
 def test_parts_of_a_budget(whole: Budget, part: Budget):
     assert whole.part(0.2, elapsed=10.0) == part
-
-
-class TestRobustLoss:
-    def test_zero_where_all_is_right(self):
-        xy = torch.rand(2, 3, 2)
-        assert robust_flow_loss(xy, xy, torch.ones(2, 3)) == 0
-
-    def test_by_hand(self):
-        """Distances SCALE and 3 SCALE, of weights 1 and a half; a third point does not count."""
-        target = torch.zeros(1, 3, 2)
-        predicted = torch.tensor([[[SCALE, 0.0], [SCALE, -2 * SCALE], [9.0, 9.0]]])
-        loss = robust_flow_loss(predicted, target, torch.tensor([[1.0, 0.5, 0.0]]))
-        assert loss.item() == pytest.approx(SCALE * (np.log(2) + 0.5 * np.log(4)) / 3)
-
-    def test_the_pull_halves_at_the_scale(self):
-        predicted = torch.tensor([[[0.0, 1e-6], [SCALE, 0.0]]], requires_grad=True)
-        robust_flow_loss(predicted, torch.zeros(1, 2, 2), torch.ones(1, 2)).backward()
-        assert predicted.grad is not None
-        pull = predicted.grad.abs().sum(-1)[0]
-        assert (pull[1] / pull[0]).item() == pytest.approx(0.5, rel=1e-3)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from copy import deepcopy
 from itertools import count
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,9 +23,10 @@ from decomotion.data.prepare import prepare
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.losses import LOSSES
 from decomotion.model.fusion import DecoMotion
-from decomotion.run import Run
+from decomotion.run import Run, interrupt_flag
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 from decomotion.train import choose_device, fit, start_maps
+from interruption import Killed, ctrl_c, interruption, killed
 from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
 
 CLIP = sliding_square()
@@ -116,34 +116,6 @@ class TestLearning:
         assert not (tmp_path / "run").exists()
 
 
-@contextmanager
-def interruption(step: int, act: Callable[[], object]) -> Iterator[None]:
-    """Something happens at the beginning of that step of every run."""
-    whole = Run.optimise
-
-    def optimise(run: Run, progress: float) -> dict[str, float]:
-        if run.step == step:
-            act()
-        return whole(run, progress)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Run, "optimise", optimise)
-        yield
-
-
-def ctrl_c() -> None:
-    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler, "the run does not wait for Ctrl-C"
-    os.kill(os.getpid(), signal.SIGINT)
-
-
-class Killed(BaseException):
-    """As sudden as kill -9: nobody handles it."""
-
-
-def killed() -> None:
-    raise Killed
-
-
 def assert_equal_bits(first: Path, second: Path) -> None:
     one, two = (torch.load(run / checkpoint.FILE_NAME, weights_only=True) for run in (first, second))
     assert one["model"].keys() == two["model"].keys()
@@ -194,6 +166,24 @@ class TestResume:
         with interruption(0, killed), pytest.raises(Killed):
             fit(CLIP, tmp_path / "broken", config=config, steps=6, progress=False)
         assert_equal_bits(straight, fit(CLIP, tmp_path / "broken", resume=True, progress=False))
+
+
+def test_a_second_ctrl_c_interrupts_at_once():
+    with interrupt_flag() as interrupted:
+        ctrl_c()
+        assert interrupted.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_fit_in_a_thread_of_its_own(tmp_path: Path):
+    """There, Python lets nobody handle signals."""
+    fitting = Thread(
+        target=fit, args=(CLIP, tmp_path / "run"), kwargs={"config": tiny_config(), "steps": 2, "progress": False}
+    )
+    fitting.start()
+    fitting.join()
+    assert checkpoint.load(tmp_path / "run" / checkpoint.FILE_NAME).training["step"] == 2
 
 
 def test_a_finished_run_resumed_stays_and_a_longer_one_goes_on(tmp_path: Path):
