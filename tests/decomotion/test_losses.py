@@ -20,7 +20,7 @@ from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.robust_flow import SCALE, robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
-from decomotion.losses.segmentation import segmentation_loss
+from decomotion.losses.segmentation import OPACITY_SHARE, segmentation_loss
 from decomotion.model.fusion import Prediction
 from tiny_fit import randomised, tiny_model
 
@@ -102,17 +102,19 @@ class TestSegmentation:
         assert loss == pytest.approx(-math.log(1e-4), rel=1e-3)
 
     def test_by_hand(self):
-        static, dynamic = weights(0.25, 0.25, 0.1), weights(0.5, 0.75, 0.9)
+        """Shares of 1/4 and 3/4 in rays of opacity 1 and 1/2, and a point without a mask."""
+        static, dynamic = weights(0.25, 0.125, 0.1), weights(0.75, 0.375, 0.9)
         loss = segmentation_loss(static, dynamic, weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
-        assert loss.item() == pytest.approx(-(math.log(0.25) + math.log(0.75)) / 3, rel=1e-3)
+        expected = -(math.log(0.25) + math.log(0.75) + OPACITY_SHARE * math.log(0.5)) / 3
+        assert loss.item() == pytest.approx(expected, rel=1e-3)
 
     def test_gradient_leads_to_the_mask(self):
         static, dynamic = weights(0.5, 0.5).requires_grad_(), weights(0.5, 0.5).requires_grad_()
         segmentation_loss(static, dynamic, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
         assert static.grad is not None
         assert dynamic.grad is not None
-        assert static.grad[0, 0] < 0 == static.grad[0, 1]
-        assert dynamic.grad[0, 1] < 0 == dynamic.grad[0, 0]
+        assert static.grad[0, 0] < 0 < static.grad[0, 1]
+        assert dynamic.grad[0, 1] < 0 < dynamic.grad[0, 0]
 
     def test_a_hole_is_filled(self):
         """Where no volume has weight and confidence says the wrong one, confidence still learns."""
@@ -199,6 +201,9 @@ def test_every_loss_is_what_its_equation_says():
     p, b = an_example()
     c, moving, still = b.confidence, b.moving, b.masked - b.moving
 
+    opacity = p.fused_static + p.fused_dynamic
+    share = p.fused_static / opacity
+
     def away(xy: Tensor) -> Tensor:
         return (xy - b.target_xy).abs().sum(-1)
 
@@ -220,7 +225,7 @@ def test_every_loss_is_what_its_equation_says():
         "photometric_static": (still * unlike(p.static_rgb)).mean(),
         "photometric_fused": unlike(p.fused_rgb).mean(),
         "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
-        "segmentation": -(still * p.fused_static.log() + moving * p.fused_dynamic.log()).mean(),
+        "segmentation": -(still * share.log() + moving * (1 - share).log() + 0.1 * b.masked * opacity.log()).mean(),
         "scene_flow": p.acceleration.abs().sum(-1).mean(),
         "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
         "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),

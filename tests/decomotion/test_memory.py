@@ -33,12 +33,20 @@ def resident_pages() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
 
 
-def test_large_tensors_reuse_memory() -> None:
+def page_faults() -> int:
+    """Of `work`."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    work()
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+def test_large_tensors_reuse_memory() -> None:
+    without = page_faults()
+    if without < ROUNDS * TENSORS * PAGES / 2:
+        pytest.skip("large pages are always on here: there are few page faults to save")
     with kept_memory():
-        work()
-    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-    assert faults < ROUNDS * TENSORS * PAGES / 2
+        within = page_faults()
+    assert within < without / 2
 
 
 def test_memory_is_returned_afterwards() -> None:
