@@ -110,7 +110,7 @@ class Sampler:
         return torch.cat([rivals.gather(-1, winner)[..., 0], drawn], dim=-1)
 
     def note_errors(self, batch: Batch, error: Float[Tensor, "pair point"]) -> None:
-        """Remembers the position errors in pixels of a batch; where the target is unknown, what was remembered decays."""
+        """Remembers a batch's position errors in pixels; where the target is unknown, what was remembered decays."""
         frame = batch.frame[:, None].expand_as(batch.point)
         old = self.errors[frame, batch.point]
         self.errors[frame, batch.point] = torch.where(batch.confidence > 0, 0.5 * old + 0.5 * error, 0.9 * old)

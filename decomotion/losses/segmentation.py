@@ -21,7 +21,8 @@ def segmentation_loss(
     """Weighted cross-entropy of the volumes' shares and the motion mask (1: moving), averaged over all points.
 
     `static` and `dynamic` are each volume's total weight in the fused ray; they sum to its opacity. Their shares say
-    nothing of rays that no volume stops, which are wrong whatever the mask says: `OPACITY_SHARE` -log(opacity) is added.
+    nothing of rays that no volume stops, which are wrong whatever the mask says: `OPACITY_SHARE` -log(opacity) is
+    added.
     """
     opacity = torch.log(static + dynamic + SMALLEST)
     static, dynamic = torch.log(static + SMALLEST) - opacity, torch.log(dynamic + SMALLEST) - opacity

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 FEATURE_SIDE = 256
-"""Frames are reduced to this longer side at most before features are computed, where an extractor does not say otherwise."""
+"""Frames are reduced to this longer side at most before features are computed, unless an extractor says otherwise."""
 
 MOST_CHANNELS = {"densesift": 128, "aliked": 128, "dino": 768, "none": 0}
 """Channels of each kind of features, at most: smaller networks have fewer."""
