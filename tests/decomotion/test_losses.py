@@ -122,7 +122,7 @@ class TestSegmentation:
         beta = torch.sigmoid(logit)
         segmentation_loss(beta * 0.8, (1 - beta) * 0.0, weights(0.0), weights(1.0)).backward()
         assert logit.grad is not None
-        assert logit.grad.item() < -0.1
+        assert logit.grad.item() < -0.04  # of the share alone: -1e-4
 
 
 class TestDistortion:
