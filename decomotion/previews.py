@@ -38,7 +38,8 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
         static = _as_if_opaque(rays.alone_static, rays.static.colour)
         dynamic = _as_if_opaque(rays.alone_dynamic, rays.dynamic.colour)
         objects = dynamic * (1 - confidence) + confidence
-        layers = [rays.fused_colour(), static, objects, confidence.expand_as(static), depth.expand_as(static)]
+        fused = rays.fused_colour() / rays.opacity.clamp_min(1e-3)[..., None]
+        layers = [fused, static, objects, confidence.expand_as(static), depth.expand_as(static)]
         rows.append(torch.stack(layers, dim=2))
     picture = torch.cat(rows, dim=1).clamp(0, 1).reshape(height, width, 5, 3)
     return (picture.permute(0, 2, 1, 3).reshape(height, 5 * width, 3) * 255).round().byte().cpu().numpy()

@@ -107,7 +107,7 @@ def predict_pair(
     fused = (static[..., None] * there["static"] + dynamic[..., None] * there["dynamic"]).sum(1)
     found["fused_xy"] = model.plane.to_pixels(fused[:, :2])
     found["fused_rgb"] = (static[..., None] * colour["static"] + dynamic[..., None] * colour["dynamic"]).sum(1)
-    found["fused_static"], found["fused_dynamic"] = static.sum(1), dynamic.sum(1)
+    found["static_confidence"] = static.sum(1) / (static + dynamic).sum(1)
     features = model.feature_head(gabor(model.feature_field, canonical["dynamic"].reshape(-1, 3)))
     weights = found["dynamic_weights"][..., None]
     found["dynamic_feature"] = (weights * features.reshape(points, samples, -1)).sum(1)

@@ -88,9 +88,7 @@ class Prediction:
     dynamic_rgb: Float[Tensor, "pair point 3"]
     fused_rgb: Float[Tensor, "pair point 3"]
     dynamic_feature: Float[Tensor, "pair point feature"]
-    fused_static: Float[Tensor, "pair point"]
-    """Total weight of the static volume in the fused ray; with `fused_dynamic` at most 1."""
-    fused_dynamic: Float[Tensor, "pair point"]
+    static_confidence: Float[Tensor, "pair point"]
     depths: Float[Tensor, "pair point sample"]
     static_weights: Float[Tensor, "pair point sample"]
     """Of the static volume alone."""
@@ -201,8 +199,7 @@ class DecoMotion(nn.Module):
             dynamic_rgb=composite(rays.alone_dynamic, rays.dynamic.colour),
             fused_rgb=rays.fused_colour(),
             dynamic_feature=self._render_feature(of_dynamic, dynamic),
-            fused_static=rays.fused_static.sum(-1),
-            fused_dynamic=rays.fused_dynamic.sum(-1),
+            static_confidence=rays.static_confidence,
             depths=rays.depths,
             static_weights=rays.alone_static,
             dynamic_weights=rays.alone_dynamic,

@@ -65,8 +65,7 @@ def test_full_static_confidence_leaves_the_static_volume(preset: str):
     prediction = model.predict(random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.static_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.static_rgb)
-    torch.testing.assert_close(prediction.fused_static, prediction.static_weights.sum(-1))
-    assert not prediction.fused_dynamic.any()
+    torch.testing.assert_close(prediction.static_confidence, torch.ones(2, 6))
 
 
 @both_presets
@@ -75,8 +74,7 @@ def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
     prediction = model.predict(random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.dynamic_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.dynamic_rgb)
-    torch.testing.assert_close(prediction.fused_dynamic, prediction.dynamic_weights.sum(-1))
-    assert not prediction.fused_static.any()
+    torch.testing.assert_close(prediction.static_confidence, torch.zeros(2, 6))
 
 
 @both_presets

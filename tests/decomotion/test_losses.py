@@ -20,7 +20,7 @@ from decomotion.losses.flow import flow_loss
 from decomotion.losses.photometric import photometric_loss
 from decomotion.losses.robust_flow import SCALE, robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
-from decomotion.losses.segmentation import OPACITY_SHARE, segmentation_loss
+from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
 from tiny_fit import randomised, tiny_model
 
@@ -92,37 +92,24 @@ class TestFeature:
 class TestSegmentation:
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_right_costs_nothing(self, moving: float):
-        # 1e-4 is added to each weight
-        loss = segmentation_loss(weights(1 - moving), weights(moving), weights(moving), weights(1.0)).item()
+        # confidences are kept 1e-4 from 0 and 1
+        loss = segmentation_loss(weights(1 - moving), weights(moving), weights(1.0)).item()
         assert loss == pytest.approx(0, abs=2e-4)
 
     @pytest.mark.parametrize("moving", [0.0, 1.0])
     def test_certain_and_wrong_costs_much_but_not_all(self, moving: float):
-        loss = segmentation_loss(weights(moving), weights(1 - moving), weights(moving), weights(1.0)).item()
+        loss = segmentation_loss(weights(moving), weights(moving), weights(1.0)).item()
         assert loss == pytest.approx(-math.log(1e-4), rel=1e-3)
 
     def test_by_hand(self):
-        """Shares of 1/4 and 3/4 in rays of opacity 1 and 1/2, and a point without a mask."""
-        static, dynamic = weights(0.25, 0.125, 0.1), weights(0.75, 0.375, 0.9)
-        loss = segmentation_loss(static, dynamic, weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
-        expected = -(math.log(0.25) + math.log(0.75) + OPACITY_SHARE * math.log(0.5)) / 3
-        assert loss.item() == pytest.approx(expected, rel=1e-3)
+        loss = segmentation_loss(weights(0.25, 0.25, 0.1), weights(0.0, 1.0, 1.0), weights(1.0, 1.0, 0.0))
+        assert loss.item() == pytest.approx(-(math.log(0.25) + math.log(0.75)) / 3)
 
     def test_gradient_leads_to_the_mask(self):
-        static, dynamic = weights(0.5, 0.5).requires_grad_(), weights(0.5, 0.5).requires_grad_()
-        segmentation_loss(static, dynamic, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
-        assert static.grad is not None
-        assert dynamic.grad is not None
-        assert static.grad[0, 0] < 0 < static.grad[0, 1]
-        assert dynamic.grad[0, 1] < 0 < dynamic.grad[0, 0]
-
-    def test_a_hole_is_filled(self):
-        """Where no volume has weight and confidence says the wrong one, confidence still learns."""
-        logit = weights(-9.0).requires_grad_()
-        beta = torch.sigmoid(logit)
-        segmentation_loss(beta * 0.8, (1 - beta) * 0.0, weights(0.0), weights(1.0)).backward()
-        assert logit.grad is not None
-        assert logit.grad.item() < -0.04  # of the share alone: -1e-4
+        confidence = weights(0.5, 0.5).requires_grad_()
+        segmentation_loss(confidence, weights(0.0, 1.0), weights(1.0, 1.0)).backward()
+        assert confidence.grad is not None
+        assert confidence.grad[0, 0] < 0 < confidence.grad[0, 1]
 
 
 class TestDistortion:
@@ -201,9 +188,6 @@ def test_every_loss_is_what_its_equation_says():
     p, b = an_example()
     c, moving, still = b.confidence, b.moving, b.masked - b.moving
 
-    opacity = p.fused_static + p.fused_dynamic
-    share = p.fused_static / opacity
-
     def away(xy: Tensor) -> Tensor:
         return (xy - b.target_xy).abs().sum(-1)
 
@@ -225,7 +209,7 @@ def test_every_loss_is_what_its_equation_says():
         "photometric_static": (still * unlike(p.static_rgb)).mean(),
         "photometric_fused": unlike(p.fused_rgb).mean(),
         "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
-        "segmentation": -(still * share.log() + moving * (1 - share).log() + 0.1 * b.masked * opacity.log()).mean(),
+        "segmentation": -(still * p.static_confidence.log() + moving * (1 - p.static_confidence).log()).mean(),
         "scene_flow": p.acceleration.abs().sum(-1).mean(),
         "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
         "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),
