@@ -56,3 +56,17 @@ def composite(
 ) -> Float[Tensor, "*batch channel"]:
     """Sum over the samples of weight times value."""
     return torch.matmul(weights[..., None, :], values)[..., 0, :]
+
+
+THIN, THICK = 0.25, 0.75
+"""Opacities: below the first a ray is taken for one that no volume stops, above the second it is as it was fitted."""
+
+
+def thickened(colour: Tensor, opacity: Tensor) -> Tensor:
+    """The fused colour of rays for a picture: where a ray is thin, not dark but of the colour of what little there is.
+
+    The colour is divided by the opacity below `THIN`, by 1 above `THICK`, and between them by what leads from one to
+    the other. Both arguments are of a shape that broadcasts.
+    """
+    share = ((opacity - THIN) / (THICK - THIN)).clamp(0.0, 1.0)
+    return colour / (opacity + (1 - opacity) * share).clamp_min(1e-3)

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from decomotion.compositing import composite
+from decomotion.compositing import composite, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.rays import FAR
 
@@ -38,7 +38,7 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
         static = _as_if_opaque(rays.alone_static, rays.static.colour)
         dynamic = _as_if_opaque(rays.alone_dynamic, rays.dynamic.colour)
         objects = dynamic * (1 - confidence) + confidence
-        fused = rays.fused_colour() / rays.opacity.clamp_min(1e-3)[..., None]
+        fused = thickened(rays.fused_colour(), rays.opacity[..., None])
         layers = [fused, static, objects, confidence.expand_as(static), depth.expand_as(static)]
         rows.append(torch.stack(layers, dim=2))
     picture = torch.cat(rows, dim=1).clamp(0, 1).reshape(height, width, 5, 3)

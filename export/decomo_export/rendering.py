@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from decomo_export.frozen import FrozenVolume, Matter
-from decomotion.compositing import composite_weights, fused_weights
+from decomotion.compositing import composite_weights, fused_weights, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.volume import Volume
 from decomotion.rays import sample_depths
@@ -90,16 +90,14 @@ class FrozenRays:
         return [weights.sum(-1) for weights in self.alone]
 
     def colours(self) -> tuple[Float[Tensor, "3 point"], ...]:
-        """RGB in [0, 1]: fused; then static alone and dynamic alone, all as if they were opaque."""
-        fused, alone = (
-            [(weights * matter.colour).sum(-1) for weights, matter in zip(both, self.matter, strict=True)]
-            for both in (self.weights, self.alone)
-        )
-        opacity = sum(self.shares())
-        return tuple(
-            colour / weight.clamp_min(1e-3)
-            for colour, weight in zip((fused[0] + fused[1], *alone), (opacity, *self.opacities()), strict=True)
-        )
+        """RGB in [0, 1]: fused; then static alone and dynamic alone, both as if they were opaque."""
+        fused = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.weights, self.matter, strict=True)]
+        alone = [
+            (weights * matter.colour).sum(-1) / weights.sum(-1).clamp_min(1e-3)
+            for weights, matter in zip(self.alone, self.matter, strict=True)
+        ]
+        static, dynamic = self.shares()
+        return thickened(fused[0] + fused[1], static + dynamic), *alone
 
 
 class FrozenModel(nn.Module):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from decomotion.compositing import composite, composite_weights, fused_weights, transmittance
+from decomotion.compositing import THICK, THIN, composite, composite_weights, fused_weights, thickened, transmittance
 
 BATCHES = [(), (4,), (2, 3)]
 densities = st.floats(0, 100, width=32)
@@ -111,3 +111,11 @@ def test_gradients_are_finite_where_a_volume_is_opaque_or_empty():
     (weights * torch.arange(4)).sum().backward()
     assert sigma.grad is not None
     assert sigma.grad.isfinite().all()
+
+
+def test_a_thin_ray_has_the_colour_of_what_little_there_is():
+    colour, opacity = torch.tensor([0.2, 0.4, 0.8]), torch.tensor([[0.0], [0.01], [THIN], [THICK], [0.9], [1.0]])
+    expected = colour * torch.tensor([[0.0], [1.0], [1.0], [THICK], [0.9], [1.0]])
+    torch.testing.assert_close(thickened(colour * opacity, opacity), expected)
+    between = thickened(torch.full((9,), 0.1), torch.linspace(THIN, THICK, 9))
+    assert (between.diff() < 0).all()  # from divided to not divided

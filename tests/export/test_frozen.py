@@ -11,7 +11,7 @@ from decomo_export import baking, lookup
 from decomo_export.baking import LEVELS, BakedSurfaces
 from decomo_export.graph import QueryGraph
 from decomo_export.lookup import CellGrid, Raster
-from decomotion.compositing import composite, composite_weights
+from decomotion.compositing import composite, composite_weights, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import answer, surface_of
 from tiny_fit import randomised, tiny_model
@@ -53,7 +53,7 @@ def test_the_same_answers_as_the_definition(model: DecoMotion):
     torch.testing.assert_close(tracks, expected.xy, rtol=0, atol=1e-3)  # float32
     torch.testing.assert_close(occlusion, expected.occlusion, rtol=0, atol=1e-3)
     rays = model.cast(xy[:, None], conditioning, frame)
-    fused_colour = (rays.fused_colour() / rays.opacity[..., None])[:, 0]  # as if opaque: a thin ray is not dark
+    fused_colour = thickened(rays.fused_colour(), rays.opacity[..., None])[:, 0]
     torch.testing.assert_close(rgb, fused_colour, rtol=0, atol=1e-3)
     torch.testing.assert_close(confidence, rays.static_confidence[:, 0], rtol=0, atol=1e-4)
     alone = [composite_weights(matter.density)[:, 0] for matter in (rays.static, rays.dynamic)]
