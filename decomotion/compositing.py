@@ -65,8 +65,8 @@ THIN, THICK = 0.25, 0.75
 def thickened(colour: Tensor, opacity: Tensor) -> Tensor:
     """The fused colour of rays for a picture: where a ray is thin, not dark but of the colour of what little there is.
 
-    The colour is divided by the opacity below `THIN`, by 1 above `THICK`, and between them by what leads from one to
-    the other. Both arguments are of a shape that broadcasts.
+    The colour is divided by o + (1 - o) s of the opacity o, where s rises from 0 at `THIN` to 1 at `THICK`. The opacity
+    broadcasts against the colour, whose channels are on any axis.
     """
     share = ((opacity - THIN) / (THICK - THIN)).clamp(0.0, 1.0)
     return colour / (opacity + (1 - opacity) * share).clamp_min(1e-3)

@@ -132,8 +132,7 @@ def test_the_commands_understand_what_they_are_given(bench: Bench) -> None:
     from decomo_export.cli import command as export
     from decomotion.cli import command as train
 
-    commands = {stage: importlib.util.find_spec(where[1]) for stage, where in COMMANDS.items() if where[0] == "-m"}
-    assert all(commands[stage] is not None for stage in ("train", "export"))
+    assert all(flag == "-m" and importlib.util.find_spec(module) for flag, module in COMMANDS.values())
     settings = ["--set", "optim.points=32", "--set", "data.masks=none"]
     assert bench("--preset", "omnimotion", "--time-budget", "90s", "--seed", "7", *settings, "--videos", "left") == 0
     given = train.make_context("decomo-train", json.loads(Path("arguments.json").read_text())).params
