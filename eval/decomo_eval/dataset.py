@@ -71,9 +71,9 @@ def read_dataset(path: str | Path) -> Mapping[str, Video]:
     path = Path(path)
     if not path.is_dir():
         return {name: _read_video(path, name, entry) for name, entry in _entries(path).items()}
-    if shards := sorted(path.glob("*.pkl")):
+    if shards := _files(path, ".pkl"):
         return ShardedDataset(shards)
-    if files := sorted(path.glob("*.npz")):
+    if files := _files(path, ".npz"):
         return FolderDataset(files)
     raise DatasetError(f"{path} holds neither .pkl, TAP-Vid's files, nor .npz, tracks beside folders of frames")
 
@@ -140,6 +140,11 @@ class FolderDataset(Mapping[str, Video]):
         return len(self._files)
 
 
+def _files(folder: Path, suffix: str) -> list[Path]:
+    """In alphabetic order, without hidden ones: a file that is still being written is one."""
+    return sorted(file for file in folder.glob(f"*{suffix}") if not file.name.startswith("."))
+
+
 def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
     """The videos of one pickle by name; those of a list are named by `prefix` and their position."""
     content = safe_pickle.load(path)
@@ -202,12 +207,14 @@ def _check_visible(where: str, points: npt.NDArray[np.float64]) -> None:
 
 def _check_stored(where: str, stored: Any, num_frames: int) -> npt.NDArray[np.uint8] | list[bytes]:
     frames: npt.NDArray[np.uint8] | list[bytes]
-    if isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.ndim == 4 and stored.shape[3] == 3:
+    if isinstance(stored, np.ndarray) and stored.dtype.kind == "S" and stored.ndim == 1:
+        frames = stored.tolist()
+    elif isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.ndim == 4 and stored.shape[3] == 3:
         frames = np.asarray(stored)
     elif isinstance(stored, list | tuple) and all(isinstance(frame, bytes) for frame in stored):
         frames = list(stored)
     else:
-        raise DatasetError(f"{where} must have as video a uint8 array [T, H, W, 3] or a list of JPEG or PNG bytes")
+        raise DatasetError(f"{where} must have as video a uint8 array [T, H, W, 3] or JPEG or PNG files as bytes")
     if not len(frames) == num_frames > 0:
         raise DatasetError(f"{where} must have as many frames as points and occluded, {num_frames}, not {len(frames)}")
     return frames

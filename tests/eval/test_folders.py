@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,16 @@ from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, UnsafePickleError
 
 
-def as_jpegs(entry: dict[str, Any]) -> dict[str, Any]:
-    """As TAP-Vid-Kinetics has it."""
-    return {**entry, "video": [cv2.imencode(".jpg", frame)[1].tobytes() for frame in entry["video"]]}
+def as_jpegs(entry: dict[str, Any], form: Callable[[list[bytes]], Any] = np.array) -> dict[str, Any]:
+    """By default as TAP-Vid-Kinetics has it: an array of byte strings."""
+    return {**entry, "video": form([cv2.imencode(".jpg", frame)[1].tobytes() for frame in entry["video"]])}
 
 
 def test_shards_that_are_lists_and_dicts(
     tmp_path: Path, dataset_content: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left, right = dataset_content.values()
-    (tmp_path / "0000_of_0002.pkl").write_bytes(pickle.dumps([as_jpegs(left), as_jpegs(right)]))
+    (tmp_path / "0000_of_0002.pkl").write_bytes(pickle.dumps([as_jpegs(left), as_jpegs(right, list)]))
     (tmp_path / "0001_of_0002.pkl").write_bytes(pickle.dumps({"robot": right}))
     videos = read_dataset(tmp_path)
     assert list(videos) == ["0000_of_0002-0", "0000_of_0002-1", "robot"]
@@ -69,6 +70,13 @@ def test_frames_beside_tracks_are_the_same_video(tmp_path: Path, entry: dict[str
     np.testing.assert_allclose(video.points, entry["points"], rtol=1e-12)
     np.testing.assert_array_equal(video.frames(), entry["video"])  # eleven frames: 10.png comes last
     assert (video.width, video.height) == (32, 20)
+
+
+def test_hidden_files_are_no_videos(tmp_path: Path, entry: dict[str, Any]) -> None:
+    write_folder(tmp_path, entry)
+    for name in ("._goat.npz", ".goat.123.partial.npz", "._shard.pkl"):
+        (tmp_path / name).write_bytes(b"half")
+    assert list(read_dataset(tmp_path)) == ["goat"]
 
 
 def test_what_a_folder_lacks_is_named(tmp_path: Path, entry: dict[str, Any]) -> None:
