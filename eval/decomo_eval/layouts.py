@@ -3,7 +3,7 @@
 layout      keys and shapes                                                              from
 ours        queries [N, 3] (t, x, y), tracks [N, T, 2], occluded [N, T]                  `predictions.py`
 CoTracker   queries [N, 3] (t, x, y), pred_tracks [T, N, 2], pred_visibility [T, N]      `CoTrackerPredictor`
-TAPNet      query_points [N, 3] (t, y, x), tracks [N, T, 2] (x, y), and one of           TAPIR, BootsTAPIR, TAPNext
+TAPNet      query_points [N, 3] (t, y, x), tracks [N, T, 2] (x, y), and one of           TAPIR, BootsTAPIR
             visibles [N, T] | occlusion [N, T] with or without expected_dist [N, T], logits | occluded [N, T];
             pred_tracks and pred_occluded, as `compute_tapvid_metrics` takes them, in their places
 PIPs        trajs_e [T, N, 2], vis_e [T, N] probabilities or logits; queries [N, 3]      PIPs
@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from decomo_eval.errors import PredictionError
 from decomo_eval.tapvid import RASTER_SIZE, Queries
+from decomo_runtime.layouts import COTRACKER_VISIBLE
 
 Size = tuple[int, int]
 """(width, height) in pixels."""
@@ -99,7 +100,7 @@ def _cotracker(path: Path, content: Arrays) -> Answers:
     return Answers(
         _of_one_video(path, content, "queries", 2),
         np.swapaxes(_of_one_video(path, content, "pred_tracks", 3), 0, 1),
-        ~(visibility if visibility.dtype == bool else visibility > 0.5).T,
+        ~(visibility if visibility.dtype == bool else visibility > COTRACKER_VISIBLE).T,
     )
 
 
@@ -117,7 +118,13 @@ def _tapnet_occluded(path: Path, content: Arrays) -> npt.NDArray[Any]:
             visible = visible * (1 - _sigmoid(_scores(path, content, "expected_dist", 2)))
         return ~(visible > 0.5)
     if "visibles" in content:
-        return ~_of_one_video(path, content, "visibles", 2).astype(bool)
+        visibles = _of_one_video(path, content, "visibles", 2)
+        if not np.isin(visibles, (0, 1)).all():
+            raise PredictionError(
+                f"{path} must hold true or false as visibles; threshold them, or save TAPIR's logits as occlusion and "
+                "expected_dist"
+            )
+        return visibles == 0
     return _of_one_video(path, content, "pred_occluded" if "pred_occluded" in content else "occluded", 2)
 
 

@@ -110,12 +110,17 @@ def _matching(
             return size, convention
     size, convention = readings[0]
     row = int(_differing(answered, queries, size, convention).argmax())
-    asked = np.concatenate([queries.points[:, :1], convention.from_raster(queries.points[:, :0:-1], size)], axis=1)
+    asked = _in_pixels(queries, size, convention)
     raise PredictionError(
         f"{path} has query {row} at (t, x, y) = {_point(answered[row])} but the benchmark's is at "
         f"{_point(asked[row])} in pixels of {size[0]}x{size[1]} frames; queries must be in the benchmark's order, "
         "and if the file's pixels are of another size it must say so by width and height"
     )
+
+
+def _in_pixels(queries: Queries, size: Size, convention: Convention) -> npt.NDArray[np.float64]:
+    """[N, 3], (t, x, y)."""
+    return np.concatenate([queries.points[:, :1], convention.from_raster(queries.points[:, :0:-1], size)], axis=1)
 
 
 def _differing(
@@ -140,6 +145,7 @@ def _prediction(
 ) -> Prediction:
     """Checks tracks in pixels of (width, height) `size` and brings them to the raster."""
     check_answers(str(path), tracks, occluded, queries)
+    check_axes(str(path), tracks, _in_pixels(queries, size, convention))
     return Prediction(convention.to_raster(tracks, size), occluded.astype(bool), size)
 
 
@@ -158,4 +164,22 @@ def check_answers(source: str, tracks: npt.NDArray[Any], occluded: npt.NDArray[A
         row, frame = np.argwhere(lost)[0]
         raise PredictionError(
             f"{source} has no finite position for query {row} in frame {frame}; give a best guess also where occluded"
+        )
+
+
+def check_axes(source: str, tracks: npt.NDArray[Any], asked: npt.NDArray[Any]) -> None:
+    """Raises `PredictionError`, which names the `source`, where tracks are (y, x).
+
+    Args:
+        source: of the tracks.
+        tracks: [N, T, 2].
+        asked: [N, 3], the queries (t, x, y) in the same pixels, near which (x, y) lie in the frames t.
+    """
+    if not len(asked):
+        return
+    answered = tracks[np.arange(len(asked)), asked[:, 0].astype(np.int64)]
+    apart, exchanged = (np.median(np.abs(xy - asked[:, 1:]).max(axis=1)) for xy in (answered, answered[:, ::-1]))
+    if apart > 1 + 10 * exchanged:
+        raise PredictionError(
+            f"{source} has tracks that lie at their queries only with x and y exchanged; give them as (x, y)"
         )

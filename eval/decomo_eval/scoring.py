@@ -17,10 +17,10 @@ from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
 from decomo_eval.measure import score
-from decomo_eval.predictions import Prediction, check_answers, from_model, from_npz
+from decomo_eval.predictions import Prediction, check_answers, check_axes, from_model, from_npz
 from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
-from decomo_eval.tapvid import RASTER_SIZE, Queries, sample_queries
+from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
 
 logger = logging.getLogger(__name__)
 
@@ -184,8 +184,9 @@ class _Function:
     ask: Tracker
 
     def __call__(self, video: Video, queries: Queries) -> Prediction:
-        answer = self.ask(video, queries)
-        check_answers(f"{self.name} on video {video.name}", answer.tracks, answer.occluded, queries)
+        answer, source = self.ask(video, queries), f"{self.name} on video {video.name}"
+        check_answers(source, answer.tracks, answer.occluded, queries)
+        check_axes(source, raster_to_pixels(answer.tracks, *answer.size), queries.in_pixels(*answer.size))
         return Prediction(answer.tracks, answer.occluded.astype(bool), answer.size)
 
 

@@ -15,6 +15,8 @@ from decomo_runtime.errors import TracksFileError
 from decomo_runtime.tracks import Tracks
 
 RASTER_SIZE = 256
+COTRACKER_VISIBLE = 0.6
+"""Visibility above which CoTracker's own evaluation takes a point for visible (its `Evaluator.compute_metrics`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ def from_cotracker(
 
     Args:
         tracks: [1, M, N, 2] or [M, N, 2], pixels.
-        visibility: [1, M, N] or [M, N], bool or in [0, 1]: visible above 0.5.
+        visibility: [1, M, N] or [M, N], bool or in [0, 1]: visible above `COTRACKER_VISIBLE`.
         queries: [N, 3], (t, x, y).
         frames: [M]; default: 0 .. M - 1.
 
@@ -58,8 +60,8 @@ def from_cotracker(
     numbers = np.arange(len(xy)) if frames is None else np.asarray(frames, np.int64)
     if numbers.shape != (len(xy),):
         raise TracksFileError(f"frames must name each of the {len(xy)} frames of the tracks; got {list(numbers.shape)}")
-    occlusion = 1 - seen.T
-    return Tracks(xy.swapaxes(0, 1).copy(), occlusion >= 0.5, occlusion, asked, numbers.astype(np.int64))
+    occluded = ~(seen.T > COTRACKER_VISIBLE)
+    return Tracks(xy.swapaxes(0, 1).copy(), occluded, 1 - seen.T, asked, numbers.astype(np.int64))
 
 
 def to_tapvid(tracks: Tracks, width: int, height: int) -> TapVid:

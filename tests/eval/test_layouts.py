@@ -81,6 +81,28 @@ def test_uncertain_tapir_points_are_hidden(left: tuple[Video, Queries], tmp_path
     assert from_npz(tmp_path / "left.npz", *left).occluded.all()
 
 
+@pytest.mark.parametrize("seen", [0.59, 0.61])
+def test_cotracker_s_scores_are_cut_where_its_own_evaluation_does(
+    seen: float, left: tuple[Video, Queries], tmp_path: Path
+) -> None:
+    content = arrays("cotracker", left[1], Convention.CENTRES, (32, 20))
+    content["pred_visibility"] = np.full(content["pred_visibility"].shape, seen, np.float32)
+    np.savez(tmp_path / "left.npz", **content)
+    assert (from_npz(tmp_path / "left.npz", *left).occluded == (seen < 0.6)).all()
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("layout", ["cotracker", "tapir", "tapvid", "pips probabilities"])
+def test_tracks_with_x_and_y_exchanged_are_refused(
+    layout: str, size: tuple[int, int], left: tuple[Video, Queries], tmp_path: Path
+) -> None:
+    content = arrays(layout, left[1], Convention.EDGES, size)
+    key = next(key for key in ("tracks", "pred_tracks", "trajs_e") if key in content)
+    np.savez(tmp_path / "left.npz", **{**content, key: content[key][..., ::-1]})
+    with pytest.raises(PredictionError, match="only with x and y exchanged"):
+        from_npz(tmp_path / "left.npz", *left)
+
+
 @pytest.mark.parametrize(
     ("layout", "change", "words"),
     [
@@ -90,6 +112,7 @@ def test_uncertain_tapir_points_are_hidden(left: tuple[Video, Queries], tmp_path
         ("cotracker", {"width": 500, "height": 500}, "has query 0 at"),
         ("tapir", {"visibles": None}, "lacks the key occluded"),
         ("tapir", {"tracks": np.zeros((3, 11, 2))}, "query, frame"),
+        ("tapir", {"visibles": np.full((9, 11), 0.7)}, "true or false as visibles; threshold them"),
         ("pips", {"trajs_e": np.zeros((8, 1, 2)), "vis_e": np.zeros((8, 1))}, "for 8 frames and 1 points"),
     ],
 )

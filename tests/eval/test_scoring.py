@@ -124,6 +124,16 @@ def test_a_function_s_answers_are_checked(dataset: Path, change: Callable[..., A
         evaluate(dataset, tracker=wrong)
 
 
+def test_a_function_that_exchanges_x_and_y_is_named(dataset: Path) -> None:
+    def exchanged(video: Any, queries: Any) -> Prediction:
+        points = queries.in_pixels(video.width, video.height)
+        tracks = np.repeat(points[:, None, :0:-1], video.num_frames, axis=1)
+        return Prediction.from_pixels(tracks, queries.occluded, video.width, video.height)
+
+    with pytest.raises(PredictionError, match="exchanged on video left has tracks that lie at their queries only"):
+        evaluate(dataset, tracker=exchanged)
+
+
 def test_one_video_is_in_memory_at_a_time(tmp_path: Path) -> None:
     """Of a folder, with the report's writer looking on: six videos need what two need."""
     from decomo_eval.report.writer import ReportWriter

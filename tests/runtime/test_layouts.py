@@ -34,6 +34,15 @@ def test_cotracker():
     assert_same(from_cotracker(xy[0], visibility[0], tracks.queries, [0, 1, 2, 3]), tracks)
 
 
+def test_cotracker_s_scores():
+    """Cut where its own evaluation does, and kept as the score."""
+    tracks = some_tracks()
+    xy, visibility = to_cotracker(tracks)
+    given = from_cotracker(xy, np.where(visibility, 0.61, 0.59), tracks.queries)
+    np.testing.assert_array_equal(given.occluded, tracks.occluded)
+    np.testing.assert_allclose(given.occlusion, np.where(tracks.occluded, 0.41, 0.39), rtol=1e-6)
+
+
 def test_wrong_shapes():
     tracks = some_tracks()
     xy, visibility = to_cotracker(tracks)
