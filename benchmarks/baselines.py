@@ -21,6 +21,7 @@ from decomotion import config as configuration
 from decomotion.config import ESTIMATORS, DataConfig
 from decomotion.console import run
 from decomotion.data.flow import build_flow
+from decomotion.train import choose_device
 from harness.clips import read_clips
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
 
@@ -65,7 +66,7 @@ def main(
             left = {method: path for method, path in paths.items() if not is_done(path, facts)}
             if not left:
                 continue
-            fields = Fields(clip.video.frames(), build_flow(config.flow))
+            fields = Fields(clip.video.frames(), build_flow(config.flow, choose_device("auto")))
             for method, path in left.items():
                 about = {"row": path.parent.name, "clip": name, **facts, "dataset": Path(dataset).name, **provenance()}
                 begin = time.monotonic()

@@ -37,8 +37,12 @@ MAY_IMPORT = {
     "decomo_eval": ["decomo_eval", "decomo_runtime", *GROUND_FLOOR],
 }
 SUPERVISION = ["decomotion.config", "decomotion.data.flow", "decomotion.data.intervals", "decomotion.data.linking"]
-"""What the flow baselines fetch of the trainer's, when one is made and not before."""
-OF_THE_BASELINES = {"decomo_eval.baselines": SUPERVISION}
+FETCHED = {
+    "decomo_eval.baselines": [*SUPERVISION, "decomotion.train.choose_device"],
+    "decomo_eval.bench.cli": ["decomotion.options"],
+    "decomo_eval.bench.task": ["decomotion.config"],
+}
+"""What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
 OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray"}
 """Modules that fetch what one extra installs, when it is asked for and not before."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
@@ -89,7 +93,7 @@ def test_import_direction(package: str):
         for module, file in modules_of(package)
         for name in imported_names(file.read_text(), module, file.name == "__init__.py")
         if name.split(".")[0] in PACKAGES
-        and not f"{name}.".startswith((*allowed, *(f"{prefix}." for prefix in OF_THE_BASELINES.get(module, []))))
+        and not f"{name}.".startswith((*allowed, *(f"{prefix}." for prefix in FETCHED.get(module, []))))
     ]
     assert not forbidden, f"{package} may import {MAY_IMPORT[package]} of ours"
 

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from decomotion.data.linking import Field
 
 CHAIN_CYCLE, DIRECT_CYCLE = 1.0, 1.5
+KEPT_BYTES = 2**30
+"""Of a video's fields that are kept: `direct` needs one for every pair of frames."""
 
 Tracked = tuple[npt.NDArray[np.floating], npt.NDArray[np.bool_]]
 """Positions [N, T, 2] in pixels of the fields' raster, and [N, T], True where hidden."""
@@ -58,6 +60,7 @@ class FlowBaseline:
         try:
             from decomotion.config import load
             from decomotion.data.flow import build_flow
+            from decomotion.train import choose_device
 
             import_module("decomotion.data.linking")  # missing libraries show here, not in the middle of a video
         except ModuleNotFoundError as error:
@@ -70,15 +73,17 @@ class FlowBaseline:
         self.name = f"{method}-{flow}"
         self._method = method
         self._data = load("cpu", overrides=chosen, flow=flow).data
-        self._estimate = build_flow(self._data.flow)
+        self._estimate = build_flow(self._data.flow, choose_device("auto"))
 
     def __call__(self, video: Video, queries: Queries) -> Prediction:
-        """Tracks of the queries; what leaves the image is hidden."""
+        """Tracks of the queries; what leaves the image is hidden. Raises `EvalError` where there is but one frame."""
+        if video.num_frames < 2:
+            raise EvalError(f"video {video.name} has one frame and flow needs two; name the others by --videos")
         return track(self._method, queries, Fields(video.frames(), self._estimate), self._data)
 
 
 class Fields:
-    """Flow between any two frames of a clip, computed when first asked for and kept.
+    """Flow between any two frames of a clip, computed when first asked for and kept, up to `KEPT_BYTES`.
 
     Args:
         frames: [T, H, W, 3], RGB.
@@ -90,11 +95,13 @@ class Fields:
         self._kept: dict[tuple[int, int], npt.NDArray[np.float16]] = {}
 
     def __call__(self, source: int, target: int) -> Field:
-        """[h, w, 2], in pixels of the field's own raster; kept as float16."""
-        if (source, target) not in self._kept:
-            field = self._estimate(self._frames[source], self._frames[target], (source, target))
-            self._kept[source, target] = field.astype(np.float16)
-        return self._kept[source, target].astype(np.float32)
+        """[h, w, 2], in pixels of the field's own raster, to the precision of float16."""
+        field = self._kept.get((source, target))
+        if field is None:
+            field = self._estimate(self._frames[source], self._frames[target], (source, target)).astype(np.float16)
+            if (len(self._kept) + 1) * field.nbytes <= KEPT_BYTES:
+                self._kept[source, target] = field
+        return field.astype(np.float32)
 
     @property
     def num_frames(self) -> int:
@@ -110,7 +117,7 @@ class Fields:
 def linked(
     asked: npt.NDArray[np.float32], fields: Fields, intervals: tuple[int, ...], threshold: float, max_gap: int
 ) -> Tracked:
-    """Tracks of queries [N, 3], (t, x, y) on the fields' raster, over hops of the given gaps."""
+    """Tracks of queries [N, 3], (t, x, y) on the fields' raster, over hops of the given gaps; hidden past `max_gap`."""
     from decomotion.data.linking import link
 
     frame = asked[:, 0].astype(int)
@@ -118,7 +125,7 @@ def linked(
     points = np.zeros((fields.num_frames, place.max(initial=0) + 1, 2), np.float32)
     points[frame, place] = asked[:, 1:]
     xy = np.repeat(asked[:, None, 1:], fields.num_frames, axis=1)
-    hidden = np.zeros(xy.shape[:2], bool)
+    hidden = np.arange(fields.num_frames) != frame[:, None]
     for step in (1, -1):
         for links in link(points, fields, intervals, threshold, max_gap, step):
             for row, source in enumerate(links.sources):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from decomo_eval import baselines as module
 from decomo_eval.baselines import METHODS, Fields, FlowBaseline, direct, linked, track
 from decomo_eval.dataset import Video
 from decomo_eval.errors import EvalError
@@ -111,6 +112,36 @@ def test_no_queries():
     for xy, hidden in (linked(nothing, fields, (1,), 1.0, FRAMES), direct(nothing, fields, 1.5)):
         assert xy.shape == (0, FRAMES, 2)
         assert hidden.shape == (0, FRAMES)
+
+
+def test_what_is_farther_than_the_longest_gap_is_hidden():
+    _, hidden = linked(np.array([[1, 3.0, 4.0]], np.float32), Fields(VIDEO, pan), (1,), 1.5, max_gap=2)
+    assert hidden[0].tolist() == [False] * 4 + [True] * 2
+
+
+def test_a_video_of_one_frame_is_named():
+    video = Video("photo", VIDEO[:1], HEIGHT, WIDTH, np.full((1, 1, 2), 0.5), np.zeros((1, 1), bool))
+    queries = Queries(np.array([[0, 128.0, 128.0]]), video.points * 256, video.occluded)
+    with pytest.raises(EvalError, match="video photo has one frame and flow needs two"):
+        FlowBaseline("chain")(video, queries)
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_flow_runs_where_a_fit_would(device: str, monkeypatch: pytest.MonkeyPatch):
+    devices = []
+    monkeypatch.setattr("torch.cuda.is_available", lambda: device == "cuda")
+    monkeypatch.setattr("decomotion.data.flow.build_flow", lambda _, device: devices.append(device))
+    FlowBaseline("chain", "raft-small", "weights.pth")
+    assert devices == [device]
+
+
+def test_fields_are_kept_up_to_a_limit(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "KEPT_BYTES", 2 * (HEIGHT // 2) * (WIDTH // 2) * 2 * 2)  # two, float16
+    calls = []
+    fields = Fields(VIDEO, lambda *asked: calls.append(asked[2]) or pan(*asked))
+    for _ in range(2):
+        assert [fields(0, target)[0, 0, 0] for target in (1, 2, 3)] == [1.0, 2.0, 3.0]
+    assert calls == [(0, 1), (0, 2), (0, 3), (0, 3)]
 
 
 def test_fields_are_computed_once():
