@@ -177,6 +177,8 @@ def _remarks(report: Report) -> list[str]:
         remarks.append(
             f"left out of the mean where -, no point to count ({len(report.undefined)}): {', '.join(report.undefined)}"
         )
+    if report.without_masks:
+        remarks.append(f"without object masks ({len(report.without_masks)}): {', '.join(report.without_masks)}")
     return remarks
 
 

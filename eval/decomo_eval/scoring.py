@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decomo_eval.arrays import read_npz
+from decomo_eval.arrays import npz_keys, read_npz
 from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
@@ -68,6 +68,8 @@ class Report:
     """Videos of the dataset without a file in the folder; not scored."""
     undefined: Mapping[str, tuple[str, ...]]
     """Which metrics are nan in which video, and so do not count in their mean."""
+    without_masks: tuple[str, ...] = ()
+    """Videos scored that the object masks lack; in neither `static` nor `dynamic`."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as plain JSON types; nan, which JSON does not have, becomes None."""
@@ -84,6 +86,7 @@ class Report:
             "splits": {name: _without_nan(metrics) for name, metrics in self.splits.items()},
             "missing": list(self.missing),
             "undefined": {name: list(metrics) for name, metrics in self.undefined.items()},
+            "without_masks": list(self.without_masks),
         }
 
 
@@ -116,23 +119,26 @@ def evaluate(
     name_of_tracker, answers = _source(models, predictions, tracker)
     known = read_dataset(dataset)
     asked = _select(known, videos, dataset)
-    masks = {} if object_masks is None else _masks(Path(object_masks))
     missing: tuple[str, ...] = ()
     if isinstance(answers, _Folder):
         missing = answers.missing(asked, all_needed=videos is not None)
+    present = [name for name in asked if name not in missing]
+    masks = None if object_masks is None else _Masks(Path(object_masks))
+    without_masks = () if masks is None else masks.missing(present)
 
     scores: dict[str, Metrics] = {}
     splits: dict[str, Mapping[str, Metrics]] = {}
     resolutions: dict[str, str] = {}
-    present = [name for name in asked if name not in missing]
     for number, name in enumerate(present, start=1):
         video = known[name]
         queries = sample_queries(video, query_mode)
         prediction = answers(video, queries)
-        resolutions.setdefault(STANDARD if prediction.size == (RASTER_SIZE, RASTER_SIZE) else ORIGINAL, name)
-        _check_one_category(resolutions)
+        if len(queries.points):  # without any, a file does not tell what it was tracked at
+            resolutions.setdefault(STANDARD if prediction.size == (RASTER_SIZE, RASTER_SIZE) else ORIGINAL, name)
+            _check_one_category(resolutions)
         scores[name] = score(queries, prediction, query_mode)
-        splits[name] = score_splits(queries, prediction, query_mode, masks.get(name))
+        objects = None if masks is None or name in without_masks else masks.of(name)
+        splits[name] = score_splits(queries, prediction, query_mode, objects)
         if watch is not None:
             watch(Scored(video, queries, prediction, scores[name]))
         logger.info("scored %s (%d of %d), %d queries", name, number, len(present), len(queries.points))
@@ -144,13 +150,14 @@ def evaluate(
         dataset=str(dataset),
         query_mode=query_mode,
         tracker=name_of_tracker,
-        resolution=next(iter(resolutions)),
+        resolution=next(iter(resolutions), ORIGINAL),
         videos=scores,
         mean=_mean_over_videos(list(scores.values())),
         interval={name: mean_interval([m[name] for m in scores.values()]) for name in next(iter(scores.values()))},
         splits=_splits_over_videos(list(splits.values())),
         missing=missing,
         undefined={name: metrics for name, metrics in undefined.items() if metrics},
+        without_masks=without_masks,
     )
 
 
@@ -207,11 +214,26 @@ def _source(
     return name, _Function(name, tracker)
 
 
-def _masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
-    masks = read_npz(path, DatasetError)
-    if any(mask.dtype.kind not in "biu" for mask in masks.values()):
-        raise DatasetError(f"{path} must hold masks [T, H, W] of booleans or whole numbers, by video")
-    return {name: mask != 0 for name, mask in masks.items()}
+@dataclass(frozen=True)
+class _Masks:
+    """Object masks of one file, read video by video."""
+
+    path: Path
+
+    def of(self, name: str) -> npt.NDArray[np.bool_]:
+        """[T, H, W]; `DatasetError` where they are no masks."""
+        mask = read_npz(self.path, DatasetError, (name,))[name]
+        if mask.dtype.kind not in "biu":
+            raise DatasetError(f"{self.path} must hold masks [T, H, W] of booleans or whole numbers, by video")
+        return mask != 0
+
+    def missing(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The videos without masks; `DatasetError` where that is all of them."""
+        known = npz_keys(self.path, DatasetError)
+        absent = tuple(name for name in names if name not in known)
+        if len(absent) == len(names):
+            raise DatasetError(f"{self.path} has masks of {', '.join(known)}, but of no video that is scored")
+        return absent
 
 
 def _check_one_category(resolutions: Mapping[str, str]) -> None:

@@ -32,7 +32,7 @@ def test_scores_are_printed_and_written(
     written = json.loads(out.read_text())
     assert list(written) == [
         *("dataset", "query_mode", "tracker", "resolution"),
-        *("videos", "mean", "interval", "splits", "missing", "undefined"),
+        *("videos", "mean", "interval", "splits", "missing", "undefined", "without_masks"),
     ]
     assert written["dataset"] == str(dataset)
     assert written["query_mode"] == "strided"
@@ -54,6 +54,17 @@ def test_absent_and_undefined_videos_are_named(
     assert "not scored, no file in the folder (1): right" in printed
     assert "left out of the mean where -, no point to count (1): left" in printed
     assert "mean over 1 of 2 videos: AJ -, < delta_avg -, OA 100.0, TC - px" in printed
+
+
+def test_videos_without_object_masks_are_named(
+    dataset: Path, write_predictions: WritePredictions, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / "masks.npz", left=np.ones((11, 5, 8), bool))
+    folder, page = write_predictions("left", "right"), tmp_path / "report" / "index.html"
+    options = ["--object-masks", str(tmp_path / "masks.npz"), "--report", str(page.parent)]
+    assert main(["tapvid", str(dataset), "--predictions", str(folder), *options]) == 0
+    assert "without object masks (1): right" in capsys.readouterr().out
+    assert "Without object masks (1):" in page.read_text()
 
 
 def test_chosen_videos_and_mode(

@@ -212,6 +212,13 @@ def test_a_true_track_is_drawn_once_and_only_where_it_is_known(dataset: Path) ->
     assert film[9][row, 512 + columns[9]]
 
 
+def test_a_film_without_queries(dataset: Path) -> None:
+    video = read_dataset(dataset)["left"]
+    nothing = Queries(np.zeros((0, 3)), np.zeros((0, 11, 2)), np.zeros((0, 11), bool))
+    film = list(side_by_side(Scored(video, nothing, Prediction(nothing.tracks, nothing.occluded, (32, 20)), {})))
+    assert len(film) == 11
+
+
 def scored(dataset: Path, name: str, shift: float) -> Scored:
     video = read_dataset(dataset)[name]
     queries = sample_queries(video, "strided")

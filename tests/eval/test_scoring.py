@@ -175,9 +175,20 @@ def test_splits_are_means_over_videos_and_counts_are_added(dataset: Path, tmp_pa
 
 def test_a_video_without_a_mask_is_left_out_of_its_split(dataset: Path, tmp_path: Path) -> None:
     np.savez(tmp_path / "masks.npz", left=np.ones((11, 5, 8), bool))
-    splits = evaluate(dataset, tracker=still, object_masks=tmp_path / "masks.npz").splits
+    report = evaluate(dataset, tracker=still, object_masks=tmp_path / "masks.npz")
     alone = evaluate(dataset, tracker=still, videos=["left"])
-    assert splits["dynamic"]["average_jaccard"] == alone.mean["average_jaccard"]
+    assert report.splits["dynamic"]["average_jaccard"] == alone.mean["average_jaccard"]
+    assert report.to_json()["without_masks"] == ["right"]
+    with pytest.raises(DatasetError, match="has masks of left, but of no video that is scored"):
+        evaluate(dataset, tracker=still, videos=["right"], object_masks=tmp_path / "masks.npz")
+
+
+def test_object_masks_are_read_when_their_video_is_scored(dataset: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "masks.npz", left=np.ones((11, 5, 8), bool), right=np.ones((11, 5, 8)))  # no mask
+    watched: list[Scored] = []
+    with pytest.raises(DatasetError, match="booleans or whole numbers"):
+        evaluate(dataset, tracker=still, object_masks=tmp_path / "masks.npz", watch=watched.append)
+    assert [scored.video.name for scored in watched] == ["left"]
 
 
 def test_tracks_are_scored_one_by_one(dataset: Path) -> None:
@@ -225,6 +236,15 @@ def test_the_mean_of_nothing_is_undefined(
     report = evaluate(dataset, predictions=write_predictions("left", "right"), videos=["left"])
     assert all(math.isnan(value) for value in report.mean.values())
     assert set(report.to_json()["mean"].values()) == {None}
+
+
+def test_a_video_without_queries_is_of_no_resolution(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions
+) -> None:
+    dataset_content["left"]["occluded"][:] = True
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    write_predictions("right", size=(256, 256))
+    assert evaluate(dataset, predictions=write_predictions("left")).resolution == "256x256"
 
 
 def test_a_model_is_asked_and_scored(dataset: Path, dataset_content: dict[str, Any], tmp_path: Path) -> None:

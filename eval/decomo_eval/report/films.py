@@ -35,7 +35,7 @@ def side_by_side(scored: Scored, mark: str = "ring") -> Iterator[Image]:
     """
     video, queries = scored.video, scored.queries
     truth = np.where(queries.occluded[..., None], np.nan, queries.tracks)
-    _, first = np.unique(np.nan_to_num(truth, nan=-1).reshape(len(truth), -1), axis=0, return_index=True)
+    _, first = np.unique(np.nan_to_num(truth, nan=-1), axis=0, return_index=True)
     rows = np.sort(first)
     asked, frames = queries.in_pixels(video.width, video.height)[rows], video.frames()
 
