@@ -9,20 +9,25 @@ import importlib.util
 import json
 import os
 import pickle
+import shutil
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from decomo_eval.bench import task
+from decomo_eval.bench import run, task
 from decomo_eval.bench.cli import main
 from decomo_eval.bench.cluster import ENVIRONMENT
+from decomo_eval.bench.engine import Room, run_tasks
 from decomo_eval.bench.task import COMMANDS
+from decomo_eval.dataset import read_dataset
+from decomo_eval.errors import PredictionError
 
 TRAIN = """
 import json, os, pathlib, signal, sys, time
@@ -123,7 +128,9 @@ def test_every_video_is_fitted_once_and_scored(bench: Bench, capsys: pytest.Capt
     assert sorted(file.name for file in Path("out/videos/left").iterdir()) == ["log.txt", "run", "task.json"]
     assert bench() == 0
     assert (calls("left"), calls("right")) == (1, 1)
-    assert {o["attempts"] for o in json.loads(Path("out/summary.json").read_text())["finished"]} == {0}
+    again = json.loads(Path("out/summary.json").read_text())
+    assert {outcome["attempts"] for outcome in again["finished"]} == {0}
+    assert again["hours_for"] == summary["hours_for"]  # of two at a time, as they were fitted
 
 
 def test_the_commands_understand_what_they_are_given(bench: Bench) -> None:
@@ -185,6 +192,75 @@ def test_bad_input_is_one_sentence(
     assert bench(*options) == 2
     assert words in capsys.readouterr().err
     assert calls("right") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--preset", "cup"], "preset 'cup' is unknown"),
+        (["--set", "optim.point=32"], "there is no key optim.point"),
+        (["--time-budget", "10x"], "'10x' is not a duration"),
+        (["--time-budget", "1m", "--steps", "5"], "give --time-budget or --steps, not both"),
+    ],
+)
+def test_options_that_no_fit_would_take_claim_nothing(
+    bench: Bench, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    assert bench(*options) == 2
+    assert words in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+def test_a_folder_without_a_model_takes_other_options(bench: Bench) -> None:
+    Path("plan/left").write_text("fails")
+    only = ("--videos", "left", "--attempts", "1")
+    assert bench(*only) == 1
+    assert bench(*only, "--seed", "1") == 1
+    assert json.loads(Path("out/bench.json").read_text())["options"][-2:] == ["--seed", "1"]
+
+
+def test_two_runs_in_one_folder_are_kept_apart(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    with run._alone(Path("out")):
+        assert bench() == 2
+    assert "another decomo-bench is at work in out; wait for it" in capsys.readouterr().err
+
+
+def test_a_failed_score_leaves_the_summary(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def mixed(*_: Any, **__: Any) -> None:
+        raise PredictionError("left was tracked at 256x256 but right at another size")
+
+    monkeypatch.setattr(run, "evaluate", mixed)
+    assert bench("--videos", "left") == 2
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert [outcome["name"] for outcome in summary["finished"]] == ["left"]
+    assert summary["mean"] is None
+
+
+def test_what_cannot_be_removed_fails_no_finished_video(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a shared folder, of files that are still open something stays."""
+    remove = shutil.rmtree
+
+    def busy(path: Path, ignore_errors: bool = False) -> None:
+        if not ignore_errors:
+            raise OSError("Directory not empty")
+        remove(path, ignore_errors=True)
+
+    monkeypatch.setattr(task.shutil, "rmtree", busy)
+    assert bench("--videos", "left", "--attempts", "1") == 0
+
+
+def test_the_model_of_a_lost_attempt_counts(dataset: Path, tmp_path: Path) -> None:
+    left = task.Task("left", tmp_path / "out", (), attempts=1)
+
+    def lost(one: task.Task, _: int) -> Future[task.Outcome]:
+        one.model.parent.mkdir(parents=True)
+        one.model.touch()
+        future: Future[task.Outcome] = Future()
+        future.set_exception(OSError("the worker died"))
+        return future
+
+    (outcome,) = run_tasks([left], read_dataset(dataset), Room(1, lost))
+    assert (outcome.attempts, outcome.error) == (1, None)
 
 
 @pytest.mark.parametrize("name", ["../up", ".hidden", "a/b", ""])

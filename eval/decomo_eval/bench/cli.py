@@ -12,16 +12,26 @@ from decomo_eval.names import ENGINES
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 from decomotion.errors import TrainingError
+from decomotion.options import Duration
+
+
+def _duration(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """In the user's words, with which the folder is claimed."""
+    if value is not None:
+        Duration().convert(value, parameter, context)
+    return value
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of all results.")
 @click.option("--preset", default="auto", help="As for decomo-train.")
-@click.option("--time-budget", help="Of each video, as for decomo-train.  [default: decomo-train's]")
+@click.option(
+    "--time-budget", callback=_duration, help="Of each video, as for decomo-train.  [default: decomo-train's]"
+)
 @click.option("--steps", type=click.IntRange(min=1), help="Of each video, instead of a time.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="As for decomo-train.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of every fit.")
+@click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Of every fit.")
 @click.option("--videos", metavar="A,B", help="These only.  [default: all]")
 @click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
 @click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="This machine, or Ray.")
@@ -62,6 +72,8 @@ def command(
     from decomo_eval.bench.run import bench
     from decomo_eval.bench.task import command_options
 
+    if time_budget is not None and steps is not None:
+        raise click.UsageError("give --time-budget or --steps, not both")
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     options = command_options(preset, time_budget, steps, seed, overrides)
     if engine == "ray":
@@ -77,7 +89,7 @@ def command(
         click.echo(f"wrote {out / 'report' / 'index.html'}")
     if summary.hours_for is not None:
         hours = ", ".join(f"{number} videos {hours:g} h" for number, hours in summary.hours_for.items())
-        click.echo(f"{summary.seconds_per_video:.0f} s a video, {summary.jobs} at a time: {hours}")
+        click.echo(f"{summary.seconds_per_video:.0f} s a video: {hours}")
     click.echo(f"{len(summary.finished)} finished, {len(summary.failed)} failed; wrote {out / 'summary.json'}")
     if summary.failed:
         reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in summary.failed)

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from decomo_eval.bench.task import Outcome, Task
@@ -71,7 +71,9 @@ def run_tasks(tasks: Sequence[Task], videos: Mapping[str, Video], room: Room) ->
                 running[room.submit(task, number)] = task, number
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             task, number = running.pop(future)
-            outcome = _outcome(task, number, future)
+            outcome = replace(_outcome(task, number, future), jobs=room.jobs)
+            if task.model.is_file():  # also where an attempt was lost, or given up for lost, and came to its end
+                outcome = replace(outcome, error=None)
             task.record(outcome)
             if outcome.error is None or number == task.attempts:
                 yield outcome

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,19 +35,21 @@ class Summary:
     jobs: int
     """Videos at a time."""
     report: Report | None
-    """None where no video is finished."""
+    """None where no video is finished, or not scored."""
 
     @property
     def seconds_per_video(self) -> float | None:
-        """Wall seconds of a finished task, on average, as one of `jobs` at a time."""
+        """Wall seconds of a finished task, on average, beside those that ran with it."""
         seconds = [sum(outcome.seconds.values()) for outcome in self.finished if outcome.seconds]
         return sum(seconds) / len(seconds) if seconds else None
 
     @property
     def hours_for(self) -> dict[int, float] | None:
-        """Wall hours of as many videos as `ESTIMATES` names, at that cost and with as many jobs."""
-        each = self.seconds_per_video
-        return None if each is None else {n: round(each * n / self.jobs / 3600, 2) for n in ESTIMATES}
+        """Wall hours of as many videos as `ESTIMATES` names, as many at a time as when they were fitted."""
+        each = [
+            sum(outcome.seconds.values()) / (outcome.jobs or self.jobs) for outcome in self.finished if outcome.seconds
+        ]
+        return {n: round(sum(each) / len(each) * n / 3600, 2) for n in ESTIMATES} if each else None
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""
@@ -58,6 +61,11 @@ class Summary:
             "hours_for": self.hours_for,
             "mean": None if self.report is None else self.report.to_json()["mean"],
         }
+
+    def write(self, out: Path) -> None:
+        """Writes `summary.json`."""
+        with replacing(out / "summary.json") as temporary:
+            temporary.write_text(json.dumps(self.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def bench(
@@ -81,7 +89,8 @@ def bench(
         attempts: how often a video is tried; then it is reported, and the others go on.
         query_mode: of the score.
 
-    Raises `EvalError` where `out` was made from another dataset or with other options, or the engine does not run.
+    Raises `EvalError` where `out` was made from another dataset or with other options, where another run is at work on
+    it, or the engine does not run.
     """
     dataset, out = Path(dataset), Path(out)
     known = read_dataset(dataset)
@@ -90,26 +99,43 @@ def bench(
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
     names = list(known if videos is None else videos)
     tasks = [Task(name, out.absolute(), tuple(options), attempts) for name in names]
-    _claim(out, {"dataset": dataset.name, "options": list(options)})
-
-    outcomes, begin = [], time.monotonic()
-    with (engine or LocalEngine()).start() as room:
-        for outcome in run_tasks(tasks, known, room):
-            outcomes.append(outcome)
-            _log(outcome, outcomes, len(tasks), time.monotonic() - begin)
-    finished = tuple(outcome for outcome in outcomes if outcome.error is None)
-    report = _score(dataset, out, [o.name for o in finished] if videos is not None else None, query_mode, finished)
-    failed = tuple(outcome for outcome in outcomes if outcome.error is not None)
-    summary = Summary(finished, failed, room.jobs, report)
-    with replacing(out / "summary.json") as temporary:
-        temporary.write_text(json.dumps(summary.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with _alone(out):
+        _claim(out, {"dataset": dataset.name, "options": list(options)})
+        outcomes, begin = [], time.monotonic()
+        with (engine or LocalEngine()).start() as room:
+            for outcome in run_tasks(tasks, known, room):
+                outcomes.append(outcome)
+                _log(outcome, outcomes, len(tasks), time.monotonic() - begin)
+        finished = tuple(outcome for outcome in outcomes if outcome.error is None)
+        failed = tuple(outcome for outcome in outcomes if outcome.error is not None)
+        summary = Summary(finished, failed, room.jobs, None)
+        summary.write(out)  # should scoring fail, this is known
+        asked = [outcome.name for outcome in finished] if videos is not None else None
+        summary = replace(summary, report=_score(dataset, out, asked, query_mode, finished))
+        summary.write(out)
     return summary
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Keeps other runs out of the folder, where its file system has locks; `EvalError` where one is at work on it."""
+    out.mkdir(parents=True, exist_ok=True)
+    with open(out / ".bench.lock", "w") as file:
+        try:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise EvalError(f"another decomo-bench is at work in {out}; wait for it, or give another --out") from error
+        except (OSError, ModuleNotFoundError):  # no locks in this network folder, or none of this kind on this system
+            pass
+        yield
 
 
 def _claim(out: Path, settings: Mapping[str, Any]) -> None:
     """Writes `bench.json`, or compares with it: a folder's models are of one dataset and one configuration."""
     file = out / "bench.json"
-    if file.is_file():
+    if file.is_file() and any((out / "models").glob("*.onnx")):
         found = json.loads(file.read_text(encoding="utf-8"))
         different = [key for key, value in settings.items() if found.get(key) != value]
         if different:

@@ -26,6 +26,7 @@ from pathlib import Path
 
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
+from decomotion.errors import ConfigError
 from decomotion.files import replacing
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
@@ -43,6 +44,8 @@ class Outcome:
     """Wall time of each stage of the last attempt."""
     error: str | None
     """The last attempt's, or None where the model is there."""
+    jobs: int | None = None
+    """Videos at a time in the run that fitted it; None of runs that did not note it."""
 
 
 @dataclass(frozen=True)
@@ -123,15 +126,15 @@ class Task:
             return None
         report = self.folder / "task.json"
         known = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
-        return Outcome(self.name, 0, known.get("seconds", {}), None)
+        return Outcome(self.name, 0, known.get("seconds", {}), None, known.get("jobs"))
 
     def _keep(self, run: Path, model: Path) -> None:
         shutil.rmtree(self.folder / "run", ignore_errors=True)
         run.replace(self.folder / "run")
         self.model.parent.mkdir(parents=True, exist_ok=True)
         model.replace(self.model)
-        shutil.rmtree(model.parent)
-        shutil.rmtree(self.frames.parent)
+        for left in (model.parent, self.frames.parent):
+            shutil.rmtree(left, ignore_errors=True)
 
     def _why(self, stage: str, code: int) -> str:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
@@ -143,7 +146,18 @@ class Task:
 def command_options(
     preset: str, time_budget: str | None, steps: int | None, seed: int, overrides: Sequence[str]
 ) -> tuple[str, ...]:
-    """decomo-train's options of every task."""
+    """decomo-train's options of every task.
+
+    Raises `ConfigError` where it would refuse them; with the preset `auto`, on every machine.
+    """
+    from decomotion.config import load
+
+    try:
+        load("cpu" if preset == "auto" else preset, overrides=tuple(overrides))
+    except ConfigError:
+        if preset != "auto":
+            raise
+        load("paper", overrides=tuple(overrides))
     budget = [*(["--time-budget", time_budget] if time_budget else []), *(["--steps", str(steps)] if steps else [])]
     settings = [part for override in overrides for part in ("--set", override)]
     return ("--preset", preset, "--seed", str(seed), *budget, *settings)
