@@ -167,4 +167,5 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_PRECISION: precision,
         contract.META_DEVIATION: f"{differs.mean:.4g} {differs.p99:.4g}",
         contract.META_BYTES_PER_RAY: str(graph.bytes_per_ray),
+        contract.META_BYTES_PER_RENDERED_RAY: str(graph.bytes_per_rendered_ray),
     }

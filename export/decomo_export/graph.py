@@ -34,10 +34,13 @@ class QueryGraph(nn.Module):
 
     @property
     def bytes_per_ray(self) -> int:
-        """Working memory, roughly, of one query in one frame: samples, times widest layer, times arrays in use."""
-        widest = max(module.out_features for module in self.model.modules() if isinstance(module, nn.Linear))
-        samples = self.model.config.samples if self.bake == "none" else 1
-        return 4 * samples * ARRAYS_IN_USE * max(NARROWEST, widest)
+        """Working memory, roughly, of one query in one frame; where surfaces are baked, no ray is sampled."""
+        return self._bytes(self.model.config.samples if self.bake == "none" else 1)
+
+    @property
+    def bytes_per_rendered_ray(self) -> int:
+        """Working memory, roughly, of one query's own ray, all of whose samples are rendered."""
+        return self._bytes(self.model.config.samples)
 
     def forward(
         self, queries: Float[Tensor, "query 3"], frames: Int[Tensor, " frame"]
@@ -63,6 +66,11 @@ class QueryGraph(nn.Module):
         tracks = there.permute(1, 2, 0)
         seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
         return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
+
+    def _bytes(self, samples: int) -> int:
+        """Samples, times widest layer, times arrays in use."""
+        widest = max(module.out_features for module in self.model.modules() if isinstance(module, nn.Linear))
+        return 4 * samples * ARRAYS_IN_USE * max(NARROWEST, widest)
 
     def _carry(
         self,

@@ -38,6 +38,8 @@ class ModelFacts:
     """A point is occluded where its occlusion score is above this."""
     bytes_per_ray: int = 16384
     """Working memory, roughly, of one query in one frame; the default is for files that do not say."""
+    bytes_per_rendered_ray: int = 16384
+    """Likewise, of one query's own ray."""
 
 
 def open_session(
@@ -88,6 +90,8 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         )
     _check_names("input", contract.INPUTS, [port.name for port in session.get_inputs()], path)
     _check_names("output", contract.REQUIRED_OUTPUTS, [port.name for port in session.get_outputs()], path)
+    bytes_per_ray = _bytes(metadata, contract.META_BYTES_PER_RAY, path, ModelFacts.bytes_per_ray)
+    rendered = max(bytes_per_ray, ModelFacts.bytes_per_rendered_ray)
     return ModelFacts(
         clip_name=_text(metadata, contract.META_CLIP_NAME, path),
         num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1),
@@ -98,13 +102,8 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         occlusion_threshold=_number(
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
         ),
-        bytes_per_ray=_number(
-            {contract.META_BYTES_PER_RAY: str(ModelFacts.bytes_per_ray), **metadata},
-            contract.META_BYTES_PER_RAY,
-            path,
-            int,
-            lambda value: value >= 1,
-        ),
+        bytes_per_ray=bytes_per_ray,
+        bytes_per_rendered_ray=_bytes(metadata, contract.META_BYTES_PER_RENDERED_RAY, path, rendered),
     )
 
 
@@ -158,6 +157,11 @@ def _number(
     if value is None or not valid(value):
         raise ModelFileError(f"{path} has the impossible metadata {key} = {text!r}; export the model again")
     return value
+
+
+def _bytes(metadata: Mapping[str, str], key: str, path: Path, otherwise: int) -> int:
+    """`otherwise` where the file does not say."""
+    return _number({key: str(otherwise), **metadata}, key, path, int, lambda value: value >= 1)
 
 
 def _reason(error: Exception) -> str:

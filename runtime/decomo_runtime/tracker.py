@@ -155,8 +155,11 @@ class Tracker:
         flow = (tracks.xy[:, 0] - queries[:, 1:]).reshape(*x.shape, 2)
         return Dense(flow, tracks.occluded.reshape(x.shape), tracks.occlusion.reshape(x.shape))
 
-    def sample(self, queries: npt.ArrayLike, *, chunk: int | None = None) -> Appearance:
-        """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3]."""
+    def sample(self, queries: npt.ArrayLike, *, chunk: int | None = None, max_memory: int | None = None) -> Appearance:
+        """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3].
+
+        `max_memory` and `chunk` are those of `track`; one ray is rendered at once at least.
+        """
         queries = check_queries(queries, self.facts)
         colours = np.empty((3, len(queries), 3), np.float32)
         scalars = np.ones((3, len(queries)), np.float32)
@@ -168,7 +171,7 @@ class Tracker:
             contract.DEPTH,
             *((contract.STATIC_OPACITY,) if self._tells_opacity else ()),
         )
-        for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_ray, None):
+        for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_rendered_ray, max_memory):
             answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
             colours[:, rows], scalars[: len(answer) - 3, rows] = answer[:3], answer[3:]
         return Appearance(*colours, *scalars)

@@ -102,7 +102,11 @@ def test_one_file(exported: Export):
 def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
     exported: Export = request.getfixturevalue(name)
     written = {entry.key: entry.value for entry in exported.proto().metadata_props}
-    assert int(written.pop(contract.META_BYTES_PER_RAY)) > 0
+    of_track, rendered = (
+        int(written.pop(key)) for key in (contract.META_BYTES_PER_RAY, contract.META_BYTES_PER_RENDERED_RAY)
+    )
+    samples = exported.graph.model.config.samples
+    assert rendered == of_track * (1 if exported.bake == "none" else samples) >= 4 * samples
     assert written == {
         contract.META_FORMAT_VERSION: str(contract.FORMAT_VERSION),
         contract.META_CLIP_NAME: "sliding",

@@ -16,6 +16,7 @@ OPTIONAL = (
     contract.META_FORMAT_VERSION,  # without it the file is not ours
     contract.META_WRITER_VERSION,
     contract.META_BYTES_PER_RAY,
+    contract.META_BYTES_PER_RENDERED_RAY,
     contract.META_BAKE,
     contract.META_PRECISION,
     contract.META_DEVIATION,
@@ -95,6 +96,12 @@ def test_files_of_an_earlier_version_answer(write_model: WriteModel):
         np.testing.assert_allclose(tracks.xy[0], [(1.5, 4.5), (6, 3)], atol=1e-5)  # float32 at tens of pixels
         np.testing.assert_allclose(tracker.sample([(2, 3, 4)]).depth, [0.5], atol=1e-6)
         assert tracker.facts.bytes_per_ray > 0
+
+
+@pytest.mark.parametrize(("of_track", "rendered"), [("1024", 16384), ("65536", 65536)])
+def test_a_ray_of_an_earlier_file_takes_no_less_than_a_query(write_model: WriteModel, of_track: str, rendered: int):
+    facts = Tracker(write_model({contract.META_BYTES_PER_RAY: of_track})).facts
+    assert (facts.bytes_per_ray, facts.bytes_per_rendered_ray) == (int(of_track), rendered)
 
 
 def test_operators_that_this_onnxruntime_lacks(write_model: WriteModel):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from decomo_runtime import QueryError, Tracker
+from decomo_runtime import QueryError, Tracker, contract
 from tiny_model import write_tiny_model
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
@@ -100,6 +101,16 @@ def test_memory_bounds_the_rays_of_a_call(tracker: Tracker, monkeypatch: pytest.
         assert asked == calls
         np.testing.assert_array_equal(tracks.xy, whole.xy)
         np.testing.assert_array_equal(tracks.occlusion, whole.occlusion)
+
+
+def test_memory_bounds_the_rays_that_are_rendered(write_model: Callable[..., Path], monkeypatch: pytest.MonkeyPatch):
+    """Of a baked file, whose tracks need less."""
+    baked = {contract.META_BYTES_PER_RAY: "1024", contract.META_BYTES_PER_RENDERED_RAY: "12288"}
+    tracker = Tracker(write_model(baked), threads=1)
+    asked = counted(tracker, monkeypatch)
+    whole = tracker.sample(QUERIES)
+    np.testing.assert_array_equal(tracker.sample(QUERIES, max_memory=2 * 12288).rgb, whole.rgb)
+    assert asked == [(4, 0), (2, 0), (2, 0)]
 
 
 def test_too_little_memory(tracker: Tracker):
