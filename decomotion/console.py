@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,8 @@ from decomotion.errors import InputError, TrainingError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS)
+"""What a write may end in; such an error names no file."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -39,9 +42,10 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         click.echo(f"Error: {library} is not installed; run: pip install 'decomotion[train]'", err=True)
         return BAD_INPUT
     except OSError as error:
-        if error.filename is None:
+        if error.filename is None and error.errno not in DISK_FAILURES:
             raise
-        click.echo(f"Error: {error.filename}: {error.strerror}", err=True)
+        where = "" if error.filename is None else f"{error.filename}: "
+        click.echo(f"Error: {where}{error.strerror}", err=True)
         return BAD_INPUT
     except TrainingError as error:
         click.echo(f"Error: {error}", err=True)

@@ -33,7 +33,7 @@ def new_folder(path: str | Path) -> Iterator[Path]:
 
     `path` must not exist yet or be an empty folder: `OSError` otherwise. On an exception nothing is left.
     """
-    path = Path(path)
+    path = Path(path).absolute()  # "." has no name
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
     temporary.mkdir()

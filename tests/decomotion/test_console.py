@@ -66,6 +66,15 @@ def test_a_file_that_cannot_be_written_is_2_and_named(tmp_path, capsys: pytest.C
     assert capsys.readouterr().err == f"Error: {tmp_path / 'file' / 'tracks.npz'}: Not a directory\n"
 
 
+def test_a_full_disk_is_2(capsys: pytest.CaptureFixture[str]):
+    def write() -> None:
+        with open("/dev/full", "w") as file:
+            file.write("tracks")
+
+    assert run(command_that(write), []) == 2
+    assert capsys.readouterr().err == "Error: No space left on device\n"
+
+
 def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.CaptureFixture[str]):
     assert run(raising(ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")), []) == 2
     assert capsys.readouterr().err == "Error: torch is not installed; run: pip install 'decomotion[train]'\n"

@@ -79,6 +79,15 @@ def test_a_new_folder_appears_whole(tmp_path: Path, empty_one_is_there: bool):
     assert names_in(target.parent) == ["frames"]
 
 
+def test_the_folder_that_one_is_in_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "frames").mkdir()
+    monkeypatch.chdir(tmp_path / "frames")
+    with new_folder(".") as temporary:
+        (temporary / "a").write_bytes(b"new")
+    assert names_in(tmp_path) == ["frames"]
+    assert names_in(tmp_path / "frames") == ["a"]
+
+
 def test_an_exception_leaves_no_folder(tmp_path: Path):
     with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / "frames") as temporary:  # noqa: PT012
         (temporary / "a").write_bytes(b"half")
