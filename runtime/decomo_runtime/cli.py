@@ -58,7 +58,7 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
-    from decomo_runtime.outputs import check_output
+    from decomo_runtime.outputs import check_not_input, check_output
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames
@@ -73,10 +73,10 @@ def track(
         raise OverlayError("--overlay and --clip go together: give the frames to draw on and the video to write")
     check_drawing(overlay, mark, trails)
     check_output("--out", out, SUFFIXES)
-    if overlay is not None and clip_path is not None:
+    check_not_input("--out", out, model, queries_file, clip_path)
+    if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
-        if overlay.exists() and clip_path.exists() and overlay.samefile(clip_path):
-            raise OverlayError(f"--overlay {overlay} would replace the clip; give another name")
+        check_not_input("--overlay", overlay, model, queries_file, clip_path)
 
     tracker = Tracker(model)
     queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +17,16 @@ def check_output(option: str, path: Path, suffixes: Sequence[str]) -> None:
     if path.is_dir():
         raise TracksFileError(f"{option} {path} is a folder; give a file name inside it")
     _check_writable(option, path)
+
+
+def check_not_input(option: str, path: Path, *inputs: Path | None) -> None:
+    """`TracksFileError` where writing `path` would replace one of `inputs`, or the video of which one is a part."""
+    for given in inputs:
+        if given is None:
+            continue
+        source = given if given.exists() else Path(re.sub(r"@\d+:\d+$", "", str(given)))
+        if path.exists() and source.exists() and path.samefile(source):
+            raise TracksFileError(f"{option} {path} would replace {given}, which is read; give another name")
 
 
 def check_new_folder(option: str, path: Path) -> None:

@@ -4,8 +4,9 @@ Each point keeps one colour, taken from a rainbow by where it was queried. A dis
 a cross where the model holds it to be occluded; a fading trail shows where it has been, fainter while occluded. Where
 the scene's motion is given, the trail is relative to the static scene: a point that does not move by itself has none.
 
-Small clips are enlarged by a whole factor first; a place x of the clip then lies at (x + 0.5) * factor - 0.5 on the
-canvas. All that is drawn goes on one layer of premultiplied RGBA, laid over the muted frame once.
+Unless a canvas is given, small clips are enlarged by a whole factor first; a place x of the clip lies at
+(x + 0.5) * scale - 0.5 on the canvas. All that is drawn goes on one layer of premultiplied RGBA, laid over the muted
+frame once.
 """
 
 from __future__ import annotations
@@ -68,7 +69,6 @@ def draw_tracks(
     tracks: Tracks,
     *,
     trail: int = TRAIL,
-    long_side: int = LONG_SIDE,
     mark: str = MARKS[0],
     motion: SceneMotion | None = None,
 ) -> Iterator[Image]:
@@ -76,7 +76,7 @@ def draw_tracks(
 
     `frames` uint8 [T, H, W, 3] is the whole clip; the rest is as for `Painter`.
     """
-    painter = Painter(tracks, frames.shape[1:3], trail=trail, long_side=long_side, mark=mark, motion=motion)
+    painter = Painter(tracks, frames.shape[1:3], trail=trail, mark=mark, motion=motion)
     for column, frame in enumerate(tracks.frames):
         yield painter.draw(frames[frame], column)
 
@@ -87,8 +87,8 @@ class Painter:
     Args:
         tracks: in pixels of the clip.
         size: (height, width) of the clip.
+        canvas: (height, width) of what is drawn on; default: that of the clip, enlarged to `LONG_SIDE` or beyond.
         trail: length in frames.
-        long_side: the canvas's longer side gets at least so many pixels.
         mark: of an occluded point, one of `MARKS`.
         motion: of the static scene; the trails are then drawn relative to it.
     """
@@ -98,14 +98,16 @@ class Painter:
         tracks: Tracks,
         size: Sequence[int],
         *,
+        canvas: Sequence[int] | None = None,
         trail: int = TRAIL,
-        long_side: int = LONG_SIDE,
         mark: str = MARKS[0],
         motion: SceneMotion | None = None,
     ) -> None:
         self._tracks, self._trail, self._mark, self._motion = tracks, trail, mark, motion
-        self._factor = max(1, -(-long_side // max(size)))
-        self._canvas = size[1] * self._factor, size[0] * self._factor
+        factor = max(1, -(-LONG_SIDE // max(size)))
+        height, width = (side * factor for side in size) if canvas is None else canvas
+        self._canvas = width, height
+        self._scale = width / size[1], height / size[0]
         self._inks = rainbow(tracks.queries)
 
     def draw(self, picture: Image, column: int) -> Image:
@@ -128,7 +130,7 @@ class Painter:
         if self._motion is not None:
             xy = [self._motion.carry(xy[:, i], int(frames[j]), int(frames[column])) for i, j in enumerate(past)]
             xy = np.stack(xy, axis=1)
-        places = (xy + 0.5) * self._factor - 0.5
+        places = (xy + 0.5) * self._scale - 0.5
         places[~(np.abs(places) < _FAR).all(-1)] = np.nan
         return places
 

@@ -36,7 +36,12 @@ ALL = "all"
 @click.option(
     "--frames", "frame_range", metavar="A:B", show_default="all", help="Frames to render: from A up to but without B."
 )
-@click.option("--size", metavar="PIXELS", type=int, help="Of the longer side.  [default: the clip's]")
+@click.option(
+    "--size",
+    metavar="PIXELS",
+    type=int,
+    help="Of the longer side.  [default: the clip's, enlarged for an --overlay where small]",
+)
 @click.option(
     "--out",
     required=True,
@@ -69,7 +74,7 @@ def render(
     from tqdm import tqdm
 
     from decomo_runtime.errors import RenderError
-    from decomo_runtime.outputs import check_new_folder, check_output
+    from decomo_runtime.outputs import check_new_folder, check_not_input, check_output
     from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
     from decomo_runtime.rendering import LAYERS, raster_size
@@ -84,8 +89,7 @@ def render(
     is_video = out.suffix != ""
     if is_video:
         check_output("--out", out, (*VIDEO_SUFFIXES, *ALPHA_SUFFIXES))
-        if clip_path is not None and out.exists() and clip_path.exists() and out.samefile(clip_path):
-            raise RenderError(f"--out {out} would replace the clip; give another name")
+        check_not_input("--out", out, model, clip_path, overlay)
     else:
         check_new_folder("--out", out)
 
@@ -93,7 +97,7 @@ def render(
     raster_size(tracker.facts, size)
     frames = np.arange(tracker.num_frames) if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     layers = LAYERS if layer == ALL else (layer or LAYERS[0],)
-    draw = None if overlay is None else _drawing(tracker, overlay, frames, mark, trails)
+    draw = None if overlay is None else _drawing(tracker, overlay, frames, size, mark, trails)
     if clip_path is not None:
         layers, rendered = ("without objects",), _without_objects(tracker, clip_path, frames)
     else:
@@ -120,11 +124,14 @@ def _without_objects(tracker: Tracker, clip_path: Path, frames: npt.NDArray[np.i
     return ([picture] for picture in remove_objects(tracker, clip.frames, frames.tolist()))
 
 
-def _drawing(tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], mark: str, trails: str) -> Draw:
+def _drawing(
+    tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], long_side: int | None, mark: str, trails: str
+) -> Draw:
     """Draws the tracks of the file at `path` on a picture of a frame; the file must have all `frames`."""
     from decomo_runtime.errors import OverlayError
     from decomo_runtime.overlay import Painter
     from decomo_runtime.pictures import flattened
+    from decomo_runtime.rendering import raster_size
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracks import Tracks
 
@@ -141,7 +148,8 @@ def _drawing(tracker: Tracker, path: Path, frames: npt.NDArray[np.int64], mark: 
         wrong = f"lacks frame {missing[0]}" if missing else f"has a frame {max(columns)}"
         raise OverlayError(f"{path} {wrong} of {tracker.num_frames}; give tracks of this model for the frames rendered")
     motion = follow_scene(tracker) if trails == CAMERA else None
-    painter = Painter(tracks, (tracker.height, tracker.width), mark=mark, motion=motion)
+    canvas = None if long_side is None else raster_size(tracker.facts, long_side)
+    painter = Painter(tracks, (tracker.height, tracker.width), canvas=canvas, mark=mark, motion=motion)
     return lambda picture, frame: painter.draw(flattened(picture), columns[frame])
 
 

@@ -159,12 +159,15 @@ def test_a_clip_that_is_not_the_models(
     assert "6 frames of 20x20 but" in refusal(capsys, tmp_path, model_path, *arguments)
 
 
-def test_the_overlay_does_not_replace_the_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    clip = tmp_path / "clip.mp4"
-    clip.write_bytes(b"a precious video")
-    arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", clip, "--clip", clip]
-    assert "would replace the clip" in refusal(capsys, tmp_path, model_path, *arguments)
-    assert clip.read_bytes() == b"a precious video"
+def test_what_is_read_is_not_replaced(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    clip, points = tmp_path / "clip.mp4", tmp_path / "points.csv"
+    for path in (clip, points):
+        path.write_bytes(b"precious")
+    for given in (clip, f"{clip}@0:6"):
+        arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", clip, "--clip", given]
+        assert f"--overlay {clip} would replace" in refusal(capsys, tmp_path, model_path, *arguments)
+    assert "would replace" in refusal(capsys, tmp_path, model_path, "--queries", points, "--out", points)
+    assert clip.read_bytes() == points.read_bytes() == b"precious"
 
 
 def test_usage(capsys: pytest.CaptureFixture[str]):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from decomo_runtime import TracksFileError
-from decomo_runtime.outputs import check_new_folder, check_output
+from decomo_runtime.outputs import check_new_folder, check_not_input, check_output
 
 SUFFIXES = (".npz", ".csv")
 
@@ -45,6 +45,16 @@ def test_no_permission(tmp_path: Path):
     tmp_path.chmod(0o500)
     with pytest.raises(TracksFileError, match="is not a folder that you may write to"):
         check_output("--out", tmp_path / "a.npz", SUFFIXES)
+
+
+@pytest.mark.parametrize("given", ["goat.mp4", "goat.mp4@0:48", "same/../goat.mp4", "link.mp4@1:2"])
+def test_an_input_is_not_replaced(tmp_path: Path, given: str):
+    (tmp_path / "goat.mp4").touch()
+    (tmp_path / "same").mkdir()
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "goat.mp4")
+    with pytest.raises(TracksFileError, match=rf"--out .*goat\.mp4 would replace .*{given}, which is read"):
+        check_not_input("--out", tmp_path / "goat.mp4", None, tmp_path / "none.csv", tmp_path / given)
+    check_not_input("--out", tmp_path / "new.mp4", None, tmp_path / given)
 
 
 def test_a_new_folder(tmp_path: Path):

@@ -134,6 +134,16 @@ def test_tracks_on_a_layer_with_trails_in_the_image_or_in_the_scene(
     assert (behind > 60).any()
 
 
+def test_tracks_on_a_layer_of_the_size_asked_for(model_path: Path, tracker: Tracker, tmp_path: Path):
+    tracker.track([(0, 10, 30)]).save(tmp_path / "tracks.npz")
+    arguments = ["--layer", "mask", "--overlay", tmp_path / "tracks.npz", "--frames", "0:1", "--out", tmp_path / "out"]
+    assert run(model_path, *arguments, "--size", "144") == 0
+    picture = read_png(tmp_path / "out" / "00000.png")
+    assert picture.shape == (3 * HEIGHT, 3 * WIDTH, 3)
+    rows, columns = np.nonzero(np.ptp(picture, axis=2) > 100)
+    np.testing.assert_allclose([columns.mean(), rows.mean()], [3 * 10.5 - 0.5, 3 * 30.5 - 0.5], atol=0.5)
+
+
 def test_the_clip_without_its_objects(
     tiny_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -209,8 +219,9 @@ def test_a_model_without_a_static_scene(
 def test_the_video_does_not_replace_the_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     clip = tmp_path / "clip.mp4"
     clip.write_bytes(b"a precious video")
-    assert run(model_path, "--remove-objects", "--clip", clip, "--out", clip) == 2
-    assert "would replace the clip" in capsys.readouterr().err
+    for given in (clip, f"{clip}@0:6"):
+        assert run(model_path, "--remove-objects", "--clip", given, "--out", clip) == 2
+        assert f"--out {clip} would replace" in capsys.readouterr().err
     assert clip.read_bytes() == b"a precious video"
 
 
