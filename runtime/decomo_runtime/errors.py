@@ -34,4 +34,4 @@ class RenderError(RuntimeInputError):
 
 
 class ViewError(RuntimeInputError):
-    """The page cannot be served at that port, or written to that folder."""
+    """The page cannot be served at that port, or options contradict each other."""

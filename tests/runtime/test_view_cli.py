@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -75,8 +79,36 @@ def test_refuses_a_folder_that_is_not_empty(model_path: Path, tmp_path: Path, ca
     folder = tmp_path / "work"
     folder.mkdir()
     (folder / "thesis.txt").write_text("years of work")
-    assert "not an empty folder" in refusal(capsys, model_path, "--export", folder)
+    assert "exists already; give the name of a new folder" in refusal(capsys, model_path, "--export", folder)
     assert [path.name for path in folder.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("option", [["--port", "8080"], ["--no-browser"]])
+def test_refuses_to_serve_and_export(
+    option: list[str], model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = [model_path, "--export", tmp_path / "site", *option]
+    assert "--export serves nothing; leave out --port and --no-browser" in refusal(capsys, *arguments)
+    assert not (tmp_path / "site").exists()
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP])
+def test_the_folder_served_is_private_and_goes_when_the_command_is_ended(
+    ending: signal.Signals, model_path: Path, tmp_path: Path
+):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    command = [sys.executable, "-c", "from decomo_runtime.view.cli import main; raise SystemExit(main())"]
+    environment = os.environ | {"TMPDIR": str(temporary)}
+    with subprocess.Popen(
+        [*command, model_path, "--no-browser"], env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert "(Ctrl-C ends)" in process.stdout.readline()
+        modes = [folder.stat().st_mode & 0o777 for folder in temporary.glob("decomo-view-*")]
+        process.send_signal(ending)
+    assert modes == [0o700]
+    assert list(temporary.glob("decomo-view-*")) == []
 
 
 def test_refuses_a_port_in_use(model_path: Path, capsys: pytest.CaptureFixture[str]):

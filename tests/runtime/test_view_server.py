@@ -6,11 +6,12 @@ import http.client
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from decomo_runtime import ViewError
-from decomo_runtime.view.server import CONTENT_SECURITY_POLICY, HOST, make_server
+from decomo_runtime.view.server import CONTENT_SECURITY_POLICY, HOST, Handler, make_server
 
 
 @pytest.fixture
@@ -89,6 +90,15 @@ def test_answers_to_its_own_address_only(port: int):
     """A page elsewhere whose name resolves to 127.0.0.1 gets nothing."""
     assert ask(port, "/", host=f"localhost:{port}")[0].status == 200
     assert ask(port, "/", host=f"evil.example:{port}")[0].status == 403
+
+
+@pytest.mark.parametrize(("port", "bare"), [(80, True), (8080, False)])
+def test_a_browser_leaves_port_80_out(port: int, bare: bool):
+    handler = Handler.__new__(Handler)
+    handler.connection = Mock(getsockname=lambda: (HOST, port))
+    names = handler._own_names()
+    assert f"localhost:{port}" in names
+    assert ({HOST, "localhost"} <= names) == bare
 
 
 def test_listens_on_loopback_only_and_refuses_a_port_in_use(folder: Path, port: int):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
@@ -27,15 +28,22 @@ def view(model: Path, clip_path: Path | None, export_folder: Path | None, port: 
     """
     import tempfile
 
+    from decomo_runtime.errors import ViewError
     from decomo_runtime.view.server import make_server
     from decomo_runtime.view.site import export_site, read_inputs, write_site
 
+    if export_folder is not None and (port != 0 or not browser):
+        raise ViewError("--export serves nothing; leave out --port and --no-browser")
     facts, clip = read_inputs(model, clip_path)
     if export_folder is not None:
         export_site(export_folder, model, clip)
         click.echo(f"wrote {export_folder}")
         return
-    with tempfile.TemporaryDirectory(prefix="decomo-view-") as folder, make_server(Path(folder), port) as server:
+    with (
+        _ended_by_signals(),
+        tempfile.TemporaryDirectory(prefix="decomo-view-") as folder,
+        make_server(Path(folder), port) as server,
+    ):
         write_site(Path(folder), model, clip)
         address = f"http://{server.server_address[0]}:{server.server_address[1]}/"
         click.echo(f"{facts.clip_name} at {address} (Ctrl-C ends)")
@@ -43,6 +51,20 @@ def view(model: Path, clip_path: Path | None, export_folder: Path | None, port: 
             click.launch(address)
         with suppress(KeyboardInterrupt):
             server.serve_forever()
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM, and SIGHUP of a closed terminal, end the block as Ctrl-C does, unless they are ignored (nohup)."""
+    wanted = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
+    handled = [each for each in wanted if signal.getsignal(each) is signal.SIG_DFL]
+    for each in handled:
+        signal.signal(each, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for each in handled:
+            signal.signal(each, signal.SIG_DFL)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

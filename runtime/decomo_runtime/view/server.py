@@ -13,6 +13,8 @@ from typing import Any
 from decomo_runtime.errors import ViewError
 
 HOST = "127.0.0.1"
+HTTP_PORT = 80
+"""Browsers leave it out of the name that they ask for."""
 CONTENT_SECURITY_POLICY = "; ".join(
     (
         "default-src 'none'",
@@ -82,8 +84,8 @@ class Handler(SimpleHTTPRequestHandler):
         return path == root or (path.is_relative_to(root) and path.is_file())
 
     def _own_names(self) -> set[str]:
-        port = str(self.connection.getsockname()[1])
-        return {f"{name}:{port}" for name in (HOST, "localhost")}
+        names, port = {HOST, "localhost"}, self.connection.getsockname()[1]
+        return {f"{name}:{port}" for name in names} | (names if port == HTTP_PORT else set())
 
 
 class Server(ThreadingHTTPServer):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from pathlib import Path
 
-from decomo_runtime.errors import ViewError
 from decomo_runtime.model_file import ModelFacts, open_session, read_facts
+from decomo_runtime.outputs import check_new_folder
 from decomo_runtime.overlay import check_clip
 from decomotion.clip import Clip, read_clip
+from decomotion.files import new_folder
 from decomotion.images import jpeg
 
 PAGE = Path(__file__).parent / "page"
@@ -36,7 +36,8 @@ def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip |
 
 def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
     """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`."""
-    shutil.copytree(PAGE, folder, dirs_exist_ok=True)
+    for part in PAGE.iterdir():  # not the page's folder as a whole: its permissions would come along
+        (shutil.copytree if part.is_dir() else shutil.copyfile)(part, folder / part.name)
     shutil.copyfile(model, folder / MODEL_NAME)
     frames = [] if clip is None else _write_frames(folder / "clip", clip)
     site = {"model": MODEL_NAME, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
@@ -44,20 +45,10 @@ def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
 
 
 def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
-    """Makes `folder`, whole or not at all; `ViewError` where something is there that would be lost."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ViewError(f"--export {folder} is there and not an empty folder; give the name of a new one")
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
-    try:
-        temporary.mkdir()
+    """Makes `folder`, whole or not at all; `TracksFileError` where something is there that would be lost."""
+    check_new_folder("--export", folder)
+    with new_folder(folder) as temporary:
         write_site(temporary, model, clip)
-        if folder.exists():
-            folder.rmdir()
-        temporary.replace(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _write_frames(folder: Path, clip: Clip) -> list[str]:
