@@ -50,6 +50,11 @@ describe("files of points", () => {
     expect(new TextDecoder("latin1").decode(file)).toContain("'shape': (3,), ");
   });
 
+  it("refuses tracks of a clip of another size", () => {
+    const foreign = tracksNpz(POINTS, { ...FACTS, height: 9 });
+    expect(() => readPoints("p.npz", foreign, FACTS)).toThrow("p.npz has points of a clip whose height is 9");
+  });
+
   it("takes columns in any order, and Windows' line ends", () => {
     expect(readPoints("p.csv", bytes("x,Y,note,t\r\n1,2,hm,0\r\n\r\n3,4,,1\r\n"), FACTS)).toEqual([
       { t: 0, x: 1, y: 2 },
@@ -65,6 +70,10 @@ describe("files of points", () => {
     ["p.csv", "t,x,y\n0,10,2\n", "outside the frame of 10x8"],
     ["p.json", "{", "not JSON"],
     ["p.json", "[]", "no list 'points'"],
+    ["p.json", '{"format": "other", "points": []}', "is no file of points"],
+    ["p.json", '{"version": 2, "points": []}', "has version 2 but this page reads up to 1"],
+    ["p.json", '{"clip": {"num_frames": 3}, "points": []}', "a clip whose num_frames is 3 but the model was fitted to c"],
+    ["p.json", '{"clip": {"num_frames": 2, "width": 8}, "points": []}', "whose width is 8"],
     ["p.npz", "PK", "not an npz file"],
     ["p.txt", "", "nothing that this page opens"],
   ])("refuses %s with %j", (name, text, sentence) => {

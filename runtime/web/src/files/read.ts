@@ -3,14 +3,15 @@
 import { unzipSync } from "fflate";
 import { InputError, type ModelFacts } from "../model/facts";
 import type { Draft } from "../points";
-import { readNpy } from "./npy";
+import { type NumberArray, readNpy } from "./npy";
+import { JSON_FORMAT, JSON_VERSION } from "./write";
 
 /** The points of a .csv, .json or .npz file; `InputError` says what is wrong and where. */
 export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): Draft[] {
   const suffix = name.slice(name.lastIndexOf(".")).toLowerCase();
   const read = { ".csv": readCsv, ".json": readJson, ".npz": readNpz }[suffix];
   if (read === undefined) throw new InputError(`${name} is nothing that this page opens; give a model (.onnx), frames (.jpg, .png) or points (.csv, .json, .npz).`);
-  const drafts = read(bytes, name);
+  const drafts = read(bytes, name, facts);
   drafts.forEach((draft, row) => check(draft, `${name}, point ${row} (counted from 0)`, facts));
   return drafts;
 }
@@ -53,35 +54,62 @@ function csvRows(text: string): string[][] {
   return rows.filter((row) => row.length > 1 || (row[0] ?? "") !== "");
 }
 
-function readJson(bytes: Uint8Array, name: string): Draft[] {
-  let content: unknown;
+function readJson(bytes: Uint8Array, name: string, facts: ModelFacts): Draft[] {
+  let content: { format?: unknown; version?: unknown; clip?: Record<string, unknown>; points?: unknown } | null;
   try {
     content = JSON.parse(new TextDecoder().decode(bytes));
   } catch {
     throw new InputError(`${name} is not JSON, or it is cut short; write it with this page.`);
   }
-  const points = (content as { points?: unknown } | null)?.points;
-  if (!Array.isArray(points)) throw new InputError(`${name} has no list 'points'; write it with this page.`);
+  const { format = JSON_FORMAT, version = JSON_VERSION, clip, points } = content ?? {};
+  if (format !== JSON_FORMAT || !Array.isArray(points)) {
+    throw new InputError(`${name} is no file of points, or has no list 'points'; write it with this page.`);
+  }
+  if (Number(version) > JSON_VERSION) {
+    throw new InputError(
+      `${name} has version ${version} but this page reads up to ${JSON_VERSION}; upgrade with 'pip install -U decomotion', ` +
+        "or save the points as CSV.",
+    );
+  }
+  checkClip(name, clip ?? {}, facts);
   return points.map((point: Record<string, unknown> | null) => {
     const [t, x, y] = [point?.t, point?.x, point?.y].map((value) => (typeof value === "number" ? value : Number.NaN));
     return draft(t ?? Number.NaN, x ?? Number.NaN, y ?? Number.NaN, point?.name, point?.colour);
   });
 }
 
-function readNpz(bytes: Uint8Array, name: string): Draft[] {
-  let entry: Uint8Array | undefined;
+function readNpz(bytes: Uint8Array, name: string, facts: ModelFacts): Draft[] {
+  let entries: Record<string, Uint8Array>;
   try {
-    entry = unzipSync(bytes, { filter: (file) => file.name === "queries.npy" })["queries.npy"];
+    entries = unzipSync(bytes, { filter: (file) => ["queries.npy", "height.npy", "width.npy"].includes(file.name) });
   } catch {
     throw new InputError(`${name} is not an npz file, or it is cut short; write it with 'decomo-track'.`);
   }
-  if (entry === undefined) throw new InputError(`${name} lacks the array queries; write it with 'decomo-track'.`);
-  const { shape, values } = readNpy(entry, `${name}: queries`);
+  const array = (key: string): NumberArray | undefined => {
+    const entry = entries[`${key}.npy`];
+    return entry && readNpy(entry, `${name}: ${key}`);
+  };
+  checkClip(name, { height: array("height")?.values[0], width: array("width")?.values[0] }, facts);
+  const queries = array("queries");
+  if (queries === undefined) throw new InputError(`${name} lacks the array queries; write it with 'decomo-track'.`);
+  const { shape, values } = queries;
   if (shape.length !== 2 || shape[1] !== 3) {
     throw new InputError(`${name}: queries must have the shape [N, 3], got [${shape.join(", ")}].`);
   }
   const at = (index: number): number => values[index] ?? Number.NaN;
   return Array.from({ length: shape[0] ?? 0 }, (_, row) => draft(at(3 * row), at(3 * row + 1), at(3 * row + 2)));
+}
+
+/** `InputError` where a file says that its points are of a clip of another length or size. */
+function checkClip(name: string, told: Readonly<Record<string, unknown>>, { clipName, numFrames, height, width }: ModelFacts): void {
+  for (const [key, own] of Object.entries({ num_frames: numFrames, height, width })) {
+    if (told[key] !== undefined && told[key] !== own) {
+      throw new InputError(
+        `${name} has points of a clip whose ${key} is ${told[key]} but the model was fitted to ${clipName}, whose ${key} is ` +
+          `${own}; give points of that clip.`,
+      );
+    }
+  }
 }
 
 function draft(t: number, x: number, y: number, name?: unknown, colour?: unknown): Draft {

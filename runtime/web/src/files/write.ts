@@ -5,6 +5,7 @@ import type { ModelFacts } from "../model/facts";
 import type { Point } from "../points";
 import { writeNpy } from "./npy";
 
+export const JSON_FORMAT = "decomotion.points";
 export const JSON_VERSION = 1;
 
 /** A line for each point, header `t,x,y,name,colour`: `decomo-track --queries` takes it. */
@@ -44,7 +45,7 @@ export function tracksNpz(points: readonly Point[], { numFrames, width, height }
 export function pointsJson(points: readonly Point[], facts: ModelFacts): string {
   const { clipName, numFrames, width, height, fps } = facts;
   const content = {
-    format: "decomotion.points",
+    format: JSON_FORMAT,
     version: JSON_VERSION,
     clip: { name: clipName, num_frames: numFrames, width, height, fps },
     points: points.map(({ name, colour, t, x, y, track }) => ({
