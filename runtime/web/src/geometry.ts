@@ -13,9 +13,10 @@ export interface Size {
 /** Queries are kept to a hundredth of a pixel, so that a file of them says exactly what was asked. */
 export const roundPlace = ({ x, y }: Place): Place => ({ x: Math.round(x * 100) / 100, y: Math.round(y * 100) / 100 });
 
-export const clampPlace = ({ x, y }: Place, { width, height }: Size): Place => ({
-  x: Math.min(Math.max(x, -0.5), width - 0.5),
-  y: Math.min(Math.max(y, -0.5), height - 0.5),
+/** The place of the image nearest to one; `margin` 0 keeps to the pixels' centres. */
+export const clampPlace = ({ x, y }: Place, { width, height }: Size, margin = 0.5): Place => ({
+  x: Math.min(Math.max(x, -margin), width - 1 + margin),
+  y: Math.min(Math.max(y, -margin), height - 1 + margin),
 });
 
 /** The corners of the box between two opposite ones. */
@@ -36,14 +37,27 @@ export function inside(polygon: readonly Place[], { x, y }: Place): boolean {
 /** Points of a square grid inside `polygon` and the image, `spacing` pixels apart, centred in the polygon's box. */
 export function gridInside(polygon: readonly Place[], spacing: number, image: Size): Place[] {
   const corners = polygon.map((corner) => clampPlace(corner, image));
-  const [xs, ys] = [corners.map(({ x }) => x), corners.map(({ y }) => y)];
-  const columns = centred(Math.min(...xs), Math.max(...xs), spacing);
-  const rows = centred(Math.min(...ys), Math.max(...ys), spacing);
+  const { columns, rows } = grid(corners, spacing);
   return rows.flatMap((y) => columns.map((x) => roundPlace({ x, y }))).filter((place) => inside(corners, place));
 }
 
+/** How many points the grid of `gridInside` has before those outside the polygon are left out. */
+export function gridCells(polygon: readonly Place[], spacing: number, image: Size): number {
+  const { columns, rows } = grid(polygon.map((corner) => clampPlace(corner, image)), spacing);
+  return columns.length * rows.length;
+}
+
+function grid(corners: readonly Place[], spacing: number): { columns: number[]; rows: number[] } {
+  const [xs, ys] = [corners.map(({ x }) => x), corners.map(({ y }) => y)];
+  return {
+    columns: centred(Math.min(...xs), Math.max(...xs), spacing),
+    rows: centred(Math.min(...ys), Math.max(...ys), spacing),
+  };
+}
+
+/** Places between `first` and `last`, neither of them included, as they do not lie inside. */
 function centred(first: number, last: number, spacing: number): number[] {
-  const gaps = Math.floor((last - first) / spacing);
-  const start = (first + last - gaps * spacing) / 2;
-  return Array.from({ length: gaps + 1 }, (_, index) => start + index * spacing);
+  const count = Math.max(1, Math.ceil((last - first) / spacing));
+  const start = (first + last - (count - 1) * spacing) / 2;
+  return Array.from({ length: count }, (_, index) => start + index * spacing);
 }

@@ -62,6 +62,8 @@ export function nextWork(
 /** Renders whatever frame is shown, and the others ahead, in requests so short that a click gets its turn. */
 export class LayerRenderer {
   private readonly finished = new Map<number, Raster>();
+  /** Rasters given up on the way, to go on with, by frame and level, and how many of their pixels are done. */
+  private readonly begun = new Map<string, { raster: Raster; done: number }>();
   private running = false;
   private closed = false;
   private shown = 0;
@@ -81,10 +83,11 @@ export class LayerRenderer {
     return this.finished.get(frame);
   }
 
-  /** The raster of `frame` at the level that frames are rendered ahead to. */
+  /** The raster of `frame` at the level that frames are rendered ahead to, also where there is a finer one. */
   async wait(frame: number): Promise<Raster> {
     const had = this.finished.get(frame);
-    return had !== undefined && had.level >= AHEAD_LEVEL ? had : this.make(frame, AHEAD_LEVEL, () => true);
+    const { width, height } = rasterSize(this.facts, AHEAD_LEVEL);
+    return had?.width === width && had.height === height ? had : this.make(frame, AHEAD_LEVEL, () => true);
   }
 
   close(): void {
@@ -108,25 +111,26 @@ export class LayerRenderer {
     }
   }
 
-  /** Renders one frame; gives up, and returns what there is, as soon as `wanted` says no. */
+  /** Renders one frame, from where it was left; leaves it, and returns what there is, as soon as `wanted` says no. */
   private async make(frame: number, level: number, wanted: () => boolean): Promise<Raster> {
-    const size = rasterSize(this.facts, level);
-    const count = size.width * size.height;
-    const blank = (): ImageData => new ImageData(size.width, size.height);
-    const raster = {
-      ...{ ...size, level },
-      pixels: { fused: blank(), static: blank(), dynamic: blank(), mask: blank(), depth: blank() },
-    };
-    for (let first = 0; first < count; ) {
-      const last = Math.min(count, first + this.raysPerRequest);
+    const key = `${frame}@${level}`;
+    const part = this.begun.get(key) ?? { raster: blankRaster(this.facts, level), done: 0 };
+    this.begun.set(key, part);
+    const { raster } = part;
+    const count = raster.width * raster.height;
+    while (part.done < count) {
+      const [first, last] = [part.done, Math.min(count, part.done + this.raysPerRequest)];
       const start = performance.now();
-      paint(raster, first, await this.render(rays(frame, size, this.facts, first, last)));
+      paint(raster, first, await this.render(rays(frame, raster, this.facts, first, last)));
       this.adapt((performance.now() - start) / 1000);
-      first = last;
-      if (first < count && (!wanted() || this.closed)) return raster;
+      part.done = Math.max(part.done, last);
+      if (part.done < count && (!wanted() || this.closed)) return raster;
     }
-    this.finished.set(frame, raster);
-    this.onRaster(frame);
+    this.begun.delete(key);
+    if (level > (this.finished.get(frame)?.level ?? -1)) {
+      this.finished.set(frame, raster);
+      this.onRaster(frame);
+    }
     return raster;
   }
 
@@ -134,6 +138,12 @@ export class LayerRenderer {
     const factor = Math.min(2, Math.max(0.5, SECONDS_PER_REQUEST / seconds));
     this.raysPerRequest = Math.round(Math.min(RAYS.most, Math.max(RAYS.least, this.raysPerRequest * factor)));
   }
+}
+
+function blankRaster(image: Size, level: number): Raster {
+  const size = rasterSize(image, level);
+  const blank = (): ImageData => new ImageData(size.width, size.height);
+  return { ...size, level, pixels: { fused: blank(), static: blank(), dynamic: blank(), mask: blank(), depth: blank() } };
 }
 
 function paint(raster: Raster, first: number, seen: Appearance): void {

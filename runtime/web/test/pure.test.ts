@@ -1,7 +1,9 @@
-import { describe, expect, it } from "vitest";
-import { box, clampPlace, gridInside } from "../src/geometry";
-import { nextWork, rasterSize, rays } from "../src/layers";
+import { afterEach, describe, expect, it, vi } from "vitest";
+import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
+import { LayerRenderer, nextWork, rasterSize, rays } from "../src/layers";
+import type { Appearance } from "../src/model/protocol";
 import { PointList, type Track, colourOf, spans, splitTracks } from "../src/points";
+import { Player } from "../src/ui/player";
 
 const TRACK: Track = { xy: Float32Array.of(0, 0), occlusion: Float32Array.of(0), occluded: [false] };
 const draft = (x: number) => ({ t: 0, x, y: 0 });
@@ -59,6 +61,17 @@ describe("areas", () => {
     expect(gridInside(box({ x: 3, y: 3 }, { x: 4, y: 5 }), 16, image)).toEqual([{ x: 3.5, y: 4 }]);
   });
 
+  it("hold a centred grid where the spacing divides their sides", () => {
+    const places = gridInside(box({ x: 0, y: 0 }, { x: 10, y: 5 }), 5, image);
+    expect(places).toEqual([{ x: 2.5, y: 2.5 }, { x: 7.5, y: 2.5 }]);
+    expect(gridInside(box({ x: -9, y: -9 }, { x: 99, y: 99 }), 5, image)).toHaveLength(4 * 2);
+  });
+
+  it("are counted before they are filled", () => {
+    expect(gridCells(box({ x: 0, y: 0 }, { x: 11, y: 6 }), 5, image)).toBe(3 * 2);
+    expect(gridCells([{ x: -9, y: -9 }, { x: 99, y: -9 }, { x: -9, y: 99 }], 1, image)).toBe(20 * 10);
+  });
+
   it("keep to the image and to the lasso", () => {
     const places = gridInside([{ x: -9, y: -9 }, { x: 99, y: -9 }, { x: -9, y: 99 }], 2, image);
     expect(places.length).toBeGreaterThan(10);
@@ -87,5 +100,73 @@ describe("layers", () => {
       levels[work.frame] = work.level;
     }
     expect(order).toEqual(["1@0", "1@1", "1@2", "2@0", "0@0", "2@1", "0@1"]);
+  });
+});
+
+describe("the renderer of layers", () => {
+  const facts = { clipName: "c", numFrames: 2, height: 512, width: 512, fps: 12, preset: "cpu", occlusionThreshold: 0.5 };
+  afterEach(() => {
+    vi.unstubAllGlobals();
+    vi.restoreAllMocks();
+  });
+
+  /** A renderer whose requests wait for `step` and then seem to have taken so long that they stay short. */
+  function renderer() {
+    class Pixels {
+      readonly data: Uint8ClampedArray;
+      constructor(readonly width: number, readonly height: number) {
+        this.data = new Uint8ClampedArray(4 * width * height);
+      }
+    }
+    vi.stubGlobal("ImageData", Pixels);
+    let now = 0;
+    vi.spyOn(performance, "now").mockImplementation(() => (now += 50));
+    const waiting: (() => void)[] = [];
+    const render = (queries: Float32Array): Promise<Appearance> => {
+      const rays = queries.length / 3;
+      const [three, one] = [new Float32Array(3 * rays), new Float32Array(rays)];
+      const seen = { rgb: three, rgb_static: three, rgb_dynamic: three, static_confidence: one, depth: one, static_opacity: one };
+      return new Promise((resolve) => waiting.push(() => resolve(seen)));
+    };
+    const made = new LayerRenderer(facts, render, () => {}, (error) => expect.fail(String(error)));
+    const step = async (): Promise<void> => {
+      for (const answer of waiting.splice(0)) answer();
+      await new Promise((done) => setTimeout(done));
+    };
+    return { made, step };
+  }
+
+  it("goes on with a raster where it was left when another frame was shown", async () => {
+    const { made, step } = renderer();
+    for (let turn = 0; made.get(turn % 2)?.level !== 1; turn++) {
+      if (turn > 2 * (48 ** 2 + 128 ** 2) / 512 + 4) expect.fail("no frame gets sharper while frames change");
+      await step();
+    }
+  });
+
+  it("gives a video one sharpness, and keeps what is finer", async () => {
+    const { made, step } = renderer();
+    while (made.get(0)?.level !== 2) await step();
+    let widths: number[] = [];
+    void Promise.all([made.wait(0), made.wait(1)]).then((rasters) => (widths = rasters.map(({ width }) => width)));
+    while (widths.length === 0) await step();
+    expect(widths).toEqual([128, 128]);
+    expect(made.get(0)?.level).toBe(2);
+  });
+});
+
+describe("the player", () => {
+  afterEach(() => vi.unstubAllGlobals());
+
+  it("has one clock, however often it is switched within a frame of the screen", () => {
+    const requests = new Map<number, FrameRequestCallback>();
+    let last = 0;
+    vi.stubGlobal("requestAnimationFrame", (callback: FrameRequestCallback) => requests.set(++last, callback) && last);
+    vi.stubGlobal("cancelAnimationFrame", (request: number) => requests.delete(request));
+    const player = new Player(() => {}, () => true);
+    player.load(5, 10);
+    for (let press = 0; press < 3; press++) player.toggle();
+    expect(player.playing).toBe(true);
+    expect(requests.size).toBe(1);
   });
 });

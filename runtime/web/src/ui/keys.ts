@@ -24,7 +24,7 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   }
   const layer = LAYERS[Number(event.key) - 1];
   if (layer !== undefined) return () => app.showLayer(layer);
-  if (event.key === " ") return onButton ? undefined : () => app.player.toggle();
+  if (event.key === " ") return onButton ? undefined : () => event.repeat || app.player.toggle();
   if (event.key === ",") return () => app.player.step(-1);
   if (event.key === ".") return () => app.player.step(1);
   if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();

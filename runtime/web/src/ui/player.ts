@@ -5,6 +5,7 @@ export class Player {
   private numFrames = 1;
   private fps = 24;
   private due = 0;
+  private request = 0;
 
   /** `onFrame` hears of every change; a frame that is not `isReady` is waited for. */
   constructor(
@@ -32,7 +33,8 @@ export class Player {
   toggle(): void {
     this.playing = !this.playing && this.numFrames > 1;
     this.due = performance.now() + 1000 / this.fps;
-    if (this.playing) requestAnimationFrame((now) => this.tick(now));
+    cancelAnimationFrame(this.request);
+    if (this.playing) this.request = requestAnimationFrame((now) => this.tick(now));
     this.onFrame();
   }
 
@@ -44,6 +46,6 @@ export class Player {
       this.frame = next;
       this.onFrame();
     }
-    requestAnimationFrame((later) => this.tick(later));
+    this.request = requestAnimationFrame((later) => this.tick(later));
   }
 }
