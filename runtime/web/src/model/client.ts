@@ -10,11 +10,14 @@ const PROBE_RAYS = 1024;
 /** Mean difference; a few rays graze an edge and may tip over. */
 const PROBE_TOLERANCE = 0.005;
 
+const CLOSED = "The model was closed before it had answered.";
+
 class Runner {
   threads = 1;
   private readonly worker: Worker;
   private readonly waiting = new Map<number, { resolve: (value: never) => void; reject: (error: Error) => void }>();
   private lastId = 0;
+  private closed = false;
 
   constructor(worker: Worker) {
     this.worker = worker;
@@ -33,6 +36,7 @@ class Runner {
   ask<K extends Kind>(kind: K, args: Requests[K]["args"]): Promise<Requests[K]["answer"]> {
     const id = ++this.lastId;
     return new Promise((resolve, reject) => {
+      if (this.closed) throw new InputError(CLOSED);
       this.waiting.set(id, { resolve, reject });
       this.worker.postMessage({ id, kind, args } as Request);
     });
@@ -44,8 +48,9 @@ class Runner {
   }
 
   close(): void {
+    this.closed = true;
     this.worker.terminate();
-    for (const { reject } of this.waiting.values()) reject(new Error("the model was closed"));
+    for (const { reject } of this.waiting.values()) reject(new InputError(CLOSED));
     this.waiting.clear();
   }
 }

@@ -46,8 +46,12 @@ export class PointRows {
     for (const { needle } of this.rows.values()) needle.style.left = `${((frame + 0.5) / numFrames) * 100}%`;
   }
 
+  /** Scrolls the list where it is too long for its place, and never the page. */
   reveal(id: number): void {
-    this.rows.get(id)?.item.scrollIntoView({ block: "nearest" });
+    const row = this.rows.get(id)?.item.getBoundingClientRect();
+    if (row === undefined) return;
+    const list = this.list.getBoundingClientRect();
+    this.list.scrollTop += Math.min(0, row.top - list.top) + Math.max(0, row.bottom - list.bottom);
   }
 
   private build(point: Point): Row {
