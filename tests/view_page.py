@@ -137,6 +137,17 @@ class ViewPage:
     def open(self, *files: Path) -> None:
         self.page.locator("#files").set_input_files([str(file) for file in files])
 
+    def drop(self, *files: Path) -> None:
+        """Drops files or folders on the stage, as from a file manager."""
+        box = self.stage.bounding_box()
+        assert box is not None
+        data = {"items": [], "files": [str(file) for file in files], "dragOperationsMask": 1}
+        devtools = self.page.context.new_cdp_session(self.page)
+        for kind in ("dragEnter", "dragOver", "drop"):
+            event = {"type": kind, "x": box["x"] + 5, "y": box["y"] + 5, "data": data}
+            devtools.send("Input.dispatchDragEvent", event)
+        devtools.detach()
+
     def expect_alert(self, sentence: str) -> None:
         expect(self.page.locator("#alert p")).to_contain_text(sentence)
 

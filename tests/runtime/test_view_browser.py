@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -77,6 +78,23 @@ def test_click_draws_the_track(view: ViewPage, model: Path, tmp_path: Path):
         np.testing.assert_allclose(view.where_drawn(), track.xy[0, frame], atol=0.5)
 
 
+def test_click_is_of_the_frame_that_was_shown_at_its_begin(view: ViewPage, tmp_path: Path):
+    """Playing goes on while the button is down."""
+    mouse, box = view.page.mouse, view.stage.bounding_box()
+    assert box is not None
+    view.seek(1)
+    for corner in ((20, 21), (40, 35)):
+        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(20, 21), strict=True)))
+        mouse.down()
+        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*corner), strict=True)))
+        view.page.keyboard.press(".")
+        mouse.up()
+        view.expect_frame(2)
+        view.page.keyboard.press(",")
+    expect(view.rows).not_to_have_count(1)
+    assert set(view.tracks(tmp_path).queries[:, 0]) == {1}
+
+
 def test_disc_in_sight_and_ring_where_hidden(view: ViewPage):
     view.click(20, 21)
     colour = view.colour_at(20, 21)
@@ -95,7 +113,9 @@ def test_scrubbing_and_keys_show_the_clip_s_own_frames(view: ViewPage):
         press(key)
         view.expect_frame(frame)
         expect_grey(view, 40 * frame)
-    press(" ")
+    for _ in range(2):
+        view.page.keyboard.down(" ")  # and held
+    view.page.keyboard.up(" ")
     expect(view.page.locator("#play")).to_have_attribute("aria-pressed", "true")
     expect(view.page.locator("#frame-number")).not_to_have_text("0 / 5")
     press(" ")
@@ -184,7 +204,7 @@ def test_areas_hold_a_grid(view: ViewPage, tmp_path: Path):
     assert len(places) > 2
     assert all(y > 36 - (x - 2) * 34 / 44 - 1 for x, y in places)  # below the diagonal
     view.page.get_by_label("Box").check(force=True)
-    view.page.locator("#spacing").fill("1")
+    view.page.locator("#spacing").fill("-5")
     view.drag((0, 0), (40, 30))
     view.expect_alert("raise the spacing")
 
@@ -216,8 +236,14 @@ def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path
 
 
 def test_video_has_every_frame_and_the_points(view: ViewPage, tmp_path: Path):
+    """As they were when it was asked for."""
     view.click(20, 21)
-    saved = view.save("video", tmp_path)
+    with view.page.expect_download() as download:
+        view.page.evaluate("""() => {
+            for (const wanted of ["[data-save=video]", "#clear", "input[value=mask]"])
+                document.querySelector(wanted).click();
+        }""")
+    saved = download.value.path()
     with av.open(str(saved)) as container:
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
         assert float(container.streams.video[0].average_rate or 0) == pytest.approx(12.5, rel=0.02)
@@ -261,6 +287,33 @@ def test_keyboard_alone(view: ViewPage, tmp_path: Path):
     expect(page.locator("#keys")).to_be_hidden()
 
 
+def test_the_cross_keeps_to_the_pixels(view: ViewPage, tmp_path: Path):
+    view.page.locator("#split").focus()
+    view.page.keyboard.press("Tab")
+    for key in [*["Shift+ArrowLeft"] * 3, *["Shift+ArrowDown"] * 3, "Enter"]:
+        view.page.keyboard.press(key)
+    expect(view.rows).to_have_count(1)
+    np.testing.assert_array_equal(view.tracks(tmp_path).queries, [[0, 0, HEIGHT - 1]])
+
+
+def test_a_folder_of_frames_is_dropped(view: ViewPage, clip: Path, tmp_path: Path):
+    folder = shutil.copytree(clip, tmp_path / "frames")
+    (folder / ".0.png").touch()
+    (folder / "notes.txt").touch()
+    (tmp_path / "empty").mkdir()
+    view.drop(folder / "notes.txt")
+    view.expect_alert("notes.txt is nothing that this page opens")
+    view.drop(tmp_path / "empty")
+    view.expect_alert("empty holds no images; drop the folder with the frames of the clip.")
+    view.page.locator("#alert button").click()
+    view.page.keyboard.press("2")
+    view.drop(folder)
+    expect(view.page.locator("input[value=clip]")).to_be_checked()
+    expect(view.page.locator("#alert")).to_be_hidden()
+    view.seek(3)
+    expect_grey(view, 120)
+
+
 def test_foreign_files_get_one_sentence_and_the_page_goes_on(view: ViewPage, clip: Path, tmp_path: Path):
     foreign = write_tiny_model(
         tmp_path / "foreign.onnx", num_frames=3, height=8, width=8, metadata={"decomotion.format_version": None}
@@ -302,6 +355,46 @@ def test_another_model_and_its_clip_are_opened(chromium: Browser, model: Path, c
         np.testing.assert_allclose(view.tracks(tmp_path).queries, [(2, 3, 4)], atol=0.05)
 
 
+def test_another_model_is_opened_while_an_area_is_tracked(chromium: Browser, model: Path, tmp_path: Path):
+    other = write_tiny_model(tmp_path / "other.onnx", num_frames=4, height=20, width=30, clip_name="other")
+    with opened(chromium, tmp_path / "site", model) as view:
+        view.page.evaluate("""() => {
+            const send = Worker.prototype.postMessage;
+            Worker.prototype.postMessage = function (request) {
+                if (request.kind !== "track" || request.args.queries.length === 3) send.call(this, request);
+            };
+        }""")  # many points are never answered
+        view.drag((4, 4), (40, 30))
+        view.open(other)
+        expect(view.page.locator("#facts")).to_contain_text("other · 4 frames of 30")
+        view.wait_until_open()
+        view.size = (30, 20)
+        view.click(3, 4)
+        expect(view.page.locator("#alert")).to_be_hidden()
+
+
+def test_what_was_set_stays_when_the_trial_of_webgpu_ends_and_when_frames_are_opened(
+    chromium: Browser, model: Path, clip: Path, tmp_path: Path
+):
+    with opened(chromium, tmp_path / "site", model) as view:
+        view.page.add_init_script("""
+            const requestAdapter = () => new Promise((resolve) => (window.endTrial = () => resolve(null)));
+            Object.defineProperty(navigator, "gpu", { value: { requestAdapter } });
+        """)
+        view.page.reload()
+        view.wait_until_open()
+        view.page.locator("#spacing").fill("7")
+        view.page.locator("#split").focus()
+        view.page.keyboard.press("Tab")
+        with_cross = view.pixels()
+        view.page.evaluate("endTrial()")
+        np.testing.assert_array_equal(view.pixels(), with_cross)
+        view.open(*clip.iterdir())
+        expect(view.page.locator("input[value=clip]")).to_be_checked()
+        expect(view.page.locator("#facts")).not_to_contain_text("without its clip")
+        expect(view.page.locator("#spacing")).to_have_value("7")
+
+
 def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp_path: Path):
     """`--export` in a subfolder of a host that sends no header of ours, as a phone sees it."""
     assert view_main([str(model), "--export", str(tmp_path / "web" / "sub")]) == 0
@@ -316,9 +409,11 @@ def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp
         view.wait_until_open()
         expect(view.page.locator("#facts")).to_contain_text("without its clip")
         assert not view.page.evaluate("crossOriginIsolated")
-        across, down = view.on_stage(10, 10)
-        view.stage.tap(position={"x": across, "y": down})
-        expect(view.rows).to_have_count(1)
+        for number, x in enumerate((4, 14, 24, 34, 44), start=1):
+            across, down = view.on_stage(x, 10)
+            view.stage.tap(position={"x": across, "y": down})
+            expect(view.rows).to_have_count(number)
+        assert view.page.evaluate("scrollY") == 0, "the list has scrolled the picture away"
         wide = view.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert wide <= 0, "the page scrolls sideways on a phone"
         assert view.complaints == []

@@ -47,6 +47,11 @@ def test_page_and_server_set_the_same_policy():
     assert f"{policy[1]}; frame-ancestors 'none'" == CONTENT_SECURITY_POLICY  # which a page cannot say of itself
 
 
+def test_page_opened_as_a_file_says_how_to_open_it():
+    """Browsers run none of its scripts then."""
+    assert re.search(r'<p id="loading">[^<]*decomo-view[^<]*</p>', (PAGE / "index.html").read_text())
+
+
 def test_page_names_no_other_host():
     for name in ("index.html", "assets/index.css"):
         assert not re.search(r"https?://|src=\"//", (PAGE / name).read_text())

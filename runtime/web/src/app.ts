@@ -2,7 +2,7 @@
 
 import { Clip, type ClipRecord } from "./clip";
 import type { Scene } from "./draw";
-import { type Place, gridInside } from "./geometry";
+import { type Place, gridCells, gridInside } from "./geometry";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
 import { Model } from "./model/client";
 import { InputError } from "./model/facts";
@@ -12,6 +12,8 @@ import { Player } from "./ui/player";
 import type { View } from "./ui/view";
 
 const MOST_POINTS_AT_ONCE = 400;
+/** Of a grid's box, most of which a lasso may leave out. */
+const MOST_CELLS = 100 * MOST_POINTS_AT_ONCE;
 const DEFAULT_TRAIL = 12;
 
 export class App {
@@ -68,14 +70,16 @@ export class App {
       this.keepClip();
       this.layer = this.clip ? "clip" : "fused";
       this.view.opened(model, this.clip !== undefined);
-      void model.tryWebgpu(bytes).then(() => this.view.opened(model, this.clip !== undefined));
+      void model.tryWebgpu(bytes).then(() => {
+        if (model === this.model) this.view.facts(model, this.clip !== undefined);
+      });
     } finally {
       if (turn === this.opening) this.view.loading(undefined);
     }
     this.show();
   }
 
-  /** Shows the clip that `clip.json` beside the page names. */
+  /** Shows the clip that `site.json` beside the page names. */
   openServedClip(record: ClipRecord): void {
     const facts = this.model?.facts;
     if (facts === undefined) return;
@@ -97,10 +101,13 @@ export class App {
     const { numFrames, occlusionThreshold } = model.facts;
     const start = performance.now();
     const queries = Float32Array.from(drafts.flatMap(({ t, x, y }) => [t, x, y]));
-    const answer = await model.track(queries, (done) => {
+    const onProgress = (done: number): void => {
       if (drafts.length > 1) this.view.status(`${done} of ${drafts.length} points …`);
+    };
+    const answer = await model.track(queries, onProgress).catch((error: unknown) => {
+      if (model === this.model) throw error;
     });
-    if (model !== this.model) return;
+    if (answer === undefined || model !== this.model) return;
     const milliseconds = performance.now() - start;
     const tracks = splitTracks(answer.tracks, answer.occlusion, numFrames, occlusionThreshold);
     const added = this.points.add(drafts, tracks);
@@ -115,19 +122,22 @@ export class App {
     this.view.answered(`${what}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
   }
 
-  addAt(place: Place): Promise<void> {
-    return this.addPoints([{ t: this.player.frame, ...place }]);
+  addAt(place: Place, t: number): Promise<void> {
+    return this.addPoints([{ t, ...place }]);
   }
 
-  /** A grid of points in `polygon`, `spacing` pixels apart. */
-  async addArea(polygon: readonly Place[], spacing: number): Promise<void> {
+  /** A grid of points in `polygon` of frame t, `spacing` pixels apart. */
+  async addArea(polygon: readonly Place[], t: number, spacing: number): Promise<void> {
     if (this.model === undefined) return;
+    if (gridCells(polygon, spacing, this.model.facts) > MOST_CELLS) {
+      throw new InputError(`That area holds far more than ${MOST_POINTS_AT_ONCE} points; raise the spacing.`);
+    }
     const places = gridInside(polygon, spacing, this.model.facts);
     if (places.length === 0) throw new InputError("No point fits in so small an area; draw a larger one or lessen the spacing.");
     if (places.length > MOST_POINTS_AT_ONCE) {
       throw new InputError(`That area holds ${places.length} points, more than ${MOST_POINTS_AT_ONCE}; raise the spacing.`);
     }
-    await this.addPoints(places.map((place) => ({ t: this.player.frame, ...place })));
+    await this.addPoints(places.map((place) => ({ t, ...place })));
   }
 
   select(id: number | undefined): void {
@@ -152,15 +162,15 @@ export class App {
     });
   }
 
-  /** The scene of a frame, its pictures waited for: for a video. */
-  async finishedScene(frame: number): Promise<Scene> {
-    const pictures = new Map<Layer, CanvasImageSource | undefined>();
-    for (const layer of [this.layer, this.split]) {
-      if (layer === undefined) continue;
-      if (layer === "clip") pictures.set(layer, await this.clip?.wait(frame));
-      else pictures.set(layer, this.canvasOf(await this.renderer?.wait(frame), layer));
-    }
-    return { ...this.scene(frame, (layer) => pictures.get(layer)), selected: undefined };
+  /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
+  finishedScenes(): (frame: number) => Promise<Scene> {
+    const { layer, split, clip, renderer } = this;
+    const now = { ...this.scene(0, () => undefined), selected: undefined };
+    const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
+      if (of === undefined) return undefined;
+      return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
+    };
+    return async (frame) => ({ ...now, frame, left: await picture(layer, frame), right: await picture(split, frame) });
   }
 
   available(layer: Layer): boolean {
@@ -190,7 +200,8 @@ export class App {
     this.clip?.close();
     this.clip = clip;
     this.layer = "clip";
-    if (this.model) this.view.opened(this.model, true);
+    if (this.model) this.view.facts(this.model, true);
+    this.view.layers(LAYERS, this);
     this.show();
   }
 

@@ -5,7 +5,7 @@ import { InputError, type ModelFacts } from "./model/facts";
 const CACHE_BYTES = 512 * 2 ** 20;
 const AHEAD = 6;
 
-/** What `clip.json` beside the page says: `frames` are paths relative to the page. */
+/** What `site.json` beside the page says: `frames` are paths relative to the page. */
 export interface ClipRecord {
   readonly name: string;
   readonly frames: readonly string[];

@@ -17,6 +17,7 @@ interface Site {
 const SIMD = [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11];
 
 async function start(): Promise<void> {
+  view.loading("Loading …");
   const lacking = whatIsLacking();
   if (lacking !== undefined) {
     view.loading("");

@@ -24,10 +24,36 @@ export function listenToFiles(app: App, view: View): void {
   for (const end of ["dragleave", "drop"]) document.addEventListener(end, () => document.body.classList.remove("dropping"));
   document.addEventListener("drop", (event) => {
     event.preventDefault();
-    view.attempt(openFiles([...(event.dataTransfer?.files ?? [])], app, view));
+    const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry());
+    view.attempt(filesOf(entries).then((files) => openFiles(files, app, view)));
   });
   for (const button of document.querySelectorAll<HTMLButtonElement>("[data-save]")) {
     button.addEventListener("click", () => view.attempt(save(button, app, view)));
+  }
+}
+
+/** The files among what was dropped, and the images in its folders. */
+async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<File[]> {
+  const files = entries.map(async (entry) => {
+    if (entry === null) return [];
+    if (!entry.isDirectory) return [await fileOf(entry)];
+    const images = (await entriesIn(entry)).filter(({ isFile, name }) => isFile && IMAGES.test(name) && !name.startsWith("."));
+    if (images.length === 0) throw new InputError(`${entry.name} holds no images; drop the folder with the frames of the clip.`);
+    return Promise.all(images.map(fileOf));
+  });
+  return (await Promise.all(files)).flat();
+}
+
+const fileOf = (entry: FileSystemEntry): Promise<File> =>
+  new Promise((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject));
+
+async function entriesIn(folder: FileSystemEntry): Promise<FileSystemEntry[]> {
+  const reader = (folder as FileSystemDirectoryEntry).createReader();
+  const found: FileSystemEntry[] = [];
+  for (;;) {
+    const some = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
+    if (some.length === 0) return found;
+    found.push(...some);
   }
 }
 
@@ -63,12 +89,12 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
 
   async function saveClip(): Promise<void> {
     if (facts === undefined) return;
+    const scenes = app.finishedScenes();
     button.disabled = true;
     try {
       const { saveVideo } = await import("../video"); // large, and seldom wanted
       const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
-      const scene = (frame: number) => app.finishedScene(frame);
-      const video = await saveVideo(facts, facts.fps, facts.numFrames, scene, onProgress);
+      const video = await saveVideo(facts, facts.fps, facts.numFrames, scenes, onProgress);
       download(`${facts.clipName}-points.${video.suffix}`, video.content, video.type);
       view.status(`Saved ${facts.clipName}-points.${video.suffix}.`);
     } finally {

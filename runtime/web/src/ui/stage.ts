@@ -7,10 +7,10 @@ const DRAG_PIXELS = 6;
 const SELECT_PIXELS = 9;
 
 export interface StageEvents {
-  /** A place on the image; `id` is the point's that lies there. */
-  onClick(place: Place, id: number | undefined): void;
-  /** The corners of an area. */
-  onArea(polygon: readonly Place[]): void;
+  /** A place on the image of frame t; `id` is the point's that lies there. */
+  onClick(place: Place, t: number, id: number | undefined): void;
+  /** The corners of an area of frame t. */
+  onArea(polygon: readonly Place[], t: number): void;
 }
 
 export class Stage {
@@ -19,6 +19,8 @@ export class Stage {
   private image: Size = { width: 16, height: 9 };
   private scene: Scene | undefined;
   private path: Place[] = [];
+  /** What was shown when the path began: playing goes on. */
+  private seen: Scene | undefined;
   private cross: Place | undefined;
   private corner: Place | undefined;
 
@@ -44,6 +46,7 @@ export class Stage {
     this.frame.style.maxWidth = `max(16rem, calc((100vh - 15rem) * ${width / height}))`;
     this.cross = undefined;
     this.scene = undefined;
+    this.abandon();
     this.fit();
   }
 
@@ -126,6 +129,7 @@ export class Stage {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.path = [this.place(event)];
+    this.seen = this.scene;
     this.showCross(false);
   }
 
@@ -136,11 +140,11 @@ export class Stage {
   }
 
   private onUp(event: PointerEvent): void {
-    const [first, area] = [this.path[0], this.outline()];
+    const [first, area, seen] = [this.path[0], this.outline(), this.seen];
     this.abandon();
-    if (first === undefined) return;
-    if (area.length > 0) this.events.onArea(area);
-    else this.events.onClick(first, event.shiftKey ? undefined : this.pointAt(first));
+    if (first === undefined || seen === undefined) return;
+    if (area.length > 0) this.events.onArea(area, seen.frame);
+    else this.events.onClick(first, seen.frame, event.shiftKey ? undefined : this.pointAt(first, seen));
   }
 
   private abandon(): void {
@@ -150,9 +154,7 @@ export class Stage {
   }
 
   /** The point nearest to `place` among those whose mark is there. */
-  private pointAt(place: Place): number | undefined {
-    if (this.scene === undefined) return undefined;
-    const { frame, points } = this.scene;
+  private pointAt(place: Place, { frame, points }: Scene): number | undefined {
     const scale = this.canvas.clientWidth / this.image.width;
     const near = points
       .map(({ id, track }) => {
@@ -182,12 +184,12 @@ export class Stage {
     const move = moves[event.key];
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     this.showCross(true);
-    if (this.cross === undefined) return;
+    if (this.cross === undefined || this.scene === undefined) return;
     if (move !== undefined) {
-      this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image);
+      this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image, 0);
     } else if (event.key === "Enter") {
-      if (this.corner) this.events.onArea(box(this.corner, this.cross));
-      else this.events.onClick(this.cross, undefined);
+      if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
+      else this.events.onClick(this.cross, this.scene.frame, undefined);
       this.corner = undefined;
     } else if (event.key === "b" || event.key === "B") {
       this.corner = this.cross;

@@ -24,8 +24,8 @@ export class View {
 
   constructor() {
     this.stage = new Stage(element("stage", HTMLCanvasElement), element("frame", HTMLDivElement), {
-      onClick: (place, id) => (id === undefined ? this.attempt(this.app?.addAt(place)) : this.app?.select(id)),
-      onArea: (polygon) => this.attempt(this.app?.addArea(polygon, this.spacing.valueAsNumber || 16)),
+      onClick: (place, t, id) => (id === undefined ? this.attempt(this.app?.addAt(place, t)) : this.app?.select(id)),
+      onArea: (polygon, t) => this.attempt(this.app?.addArea(polygon, t, Math.max(1, this.spacing.valueAsNumber || 16))),
     });
     for (const layer of LAYERS) {
       const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
@@ -71,8 +71,8 @@ export class View {
     this.points(app.points);
   }
 
-  /** Shows what a model, and perhaps its clip, bring. */
-  opened(model: Model, hasClip: boolean): void {
+  /** Says what is open, and how it runs. */
+  facts(model: Model, hasClip: boolean): void {
     const { clipName, numFrames, width, height, preset } = model.facts;
     const threads = `${model.threads} thread${model.threads === 1 ? "" : "s"}`;
     const layers = model.backend === "webgpu" ? ", layers on WebGPU" : "";
@@ -80,6 +80,12 @@ export class View {
       `${clipName} · ${numFrames} frames of ${width}×${height} · preset ${preset} · WebAssembly, ${threads}${layers}` +
       (hasClip ? "" : " · without its clip");
     document.title = `${clipName} · DecoMotion`;
+  }
+
+  /** Shows what a model, and perhaps its clip, bring. */
+  opened(model: Model, hasClip: boolean): void {
+    const { numFrames, width, height } = model.facts;
+    this.facts(model, hasClip);
     this.stage.setImage(model.facts);
     this.scrub.max = String(numFrames - 1);
     this.trails.max = String(numFrames - 1);
