@@ -14,6 +14,7 @@ from decomotion.console import run
 from decomotion.options import Duration, Supervision, supervision_options
 
 DEFAULT_BUDGET = "10m"
+"""Of each shot, where a clip has several."""
 MINUTES = ("cpu", "omnimotion")
 """Presets that have a default budget in minutes, not in steps."""
 MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
@@ -26,8 +27,8 @@ MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
 @click.option(
     "--time-budget",
     type=Duration(),
-    help=f"End after this much wall time, preparation included (30s, 10m, 1h).  [default: {DEFAULT_BUDGET} with the "
-    "cpu preset and omnimotion, none with paper]",
+    help="End after this much wall time, preparation included (30s, 10m, 1h); shots share it by their length.  "
+    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each shot; none with paper]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @supervision_options
@@ -70,13 +71,16 @@ def command(
     folder = out if out is not None else Path("runs") / frames.name
 
     from decomotion import checkpoint
-    from decomotion.shots import each_shot
+    from decomotion.shots import check_no_files, each_shot
     from decomotion.train import choose_device, fit
 
     device = choose_device(device)
     config = None if resume else supervision.config(device)
+    default, seconds_each = Duration().convert(DEFAULT_BUDGET, None, None), None
     if config is not None and config.preset in MINUTES and time_budget is None and steps is None:
-        time_budget = Duration().convert(DEFAULT_BUDGET, None, None)
+        seconds_each = default
+    if config is not None and shots == "split":
+        check_no_files(config.data)
 
     def fit_one(part: Clip, folder: Path, share: float = 1.0) -> Path:
         fit(
@@ -84,7 +88,7 @@ def command(
             folder,
             config=config,
             steps=steps,
-            time_budget=None if time_budget is None else share * time_budget,
+            time_budget=seconds_each if time_budget is None else share * time_budget,
             resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
             rebuild_cache=rebuild_cache,
             seed=seed,
@@ -102,7 +106,10 @@ def command(
         config, seed = first.config, first.training["seed"]
         if steps is None and time_budget is None:
             steps, seconds = first.training["budget"]["steps"], first.training["budget"]["seconds"]
-            time_budget = None if seconds is None else seconds * len(frames) / first.clip.num_frames
+            if seconds == default:
+                seconds_each = default
+            elif seconds is not None:
+                time_budget = seconds * len(frames) / first.clip.num_frames
     each_shot(frames, folder, fit_one)
 
 

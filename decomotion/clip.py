@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,28 +63,32 @@ class Clip:
 def read_clip(path: str | Path) -> Clip:
     """Reads a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png, natural order) or a video file.
 
-    With `@A:B` behind the path, the frames from A up to but without B: a shot of a longer video.
+    With `@A:B` behind the path, the frames from A up to but without B, a shot of a longer video: the others are not
+    kept, and what follows is not decoded.
 
     Raises `ClipError` where there are fewer than two frames, frames of different sizes, or one that does not decode.
     """
-    path = Path(path)
-    part = re.fullmatch(r"(.+)@(\d+):(\d+)", str(path))
-    if part is not None and not path.exists():
-        return _part(read_clip(part[1]), int(part[2]), int(part[3]))
+    path, begin, end = _split(Path(path))
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
-    name, (frames, fps) = (
-        (_folder_name(path), (_read_folder(path), DEFAULT_FPS)) if path.is_dir() else (path.stem, _read_video(path))
-    )
+    name = _folder_name(path) if path.is_dir() else path.stem
+    frames, fps, count = _read_folder(path, begin, end) if path.is_dir() else _read_video(path, begin, end)
+    if end is not None and count < end:
+        raise ClipError(f"{name} has frames 0 to {count - 1}; @{begin}:{end} is not two or more of them")
     if len(frames) < 2:
         raise ClipError(f"{path} has one frame; motion needs at least two")
-    return Clip(name, np.stack(frames), fps)
+    return Clip(name if end is None else f"{name}-{begin}-{end}", np.stack(frames), fps)
 
 
-def _part(clip: Clip, begin: int, end: int) -> Clip:
-    if not begin + 1 < end <= len(clip):
-        raise ClipError(f"{clip.name} has frames 0 to {len(clip) - 1}; @{begin}:{end} is not two or more of them")
-    return clip.part(begin, end, f"{begin}-{end}")
+def _split(path: Path) -> tuple[Path, int, int | None]:
+    """The path of a clip, the first frame that is wanted of it, and the one after the last; None: all."""
+    part = re.fullmatch(r"(.+)@(\d+):(\d+)", str(path))
+    if part is None or path.exists():
+        return path, 0, None
+    begin, end = int(part[2]), int(part[3])
+    if end < begin + 2:
+        raise ClipError(f"{path}: @{begin}:{end} is not two or more frames; motion needs at least two")
+    return Path(part[1]), begin, end
 
 
 def _folder_name(path: Path) -> str:
@@ -103,14 +108,18 @@ def images_in(folder: Path) -> list[Path]:
     return sorted((file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
 
 
-def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
+Read = tuple[list[npt.NDArray[np.uint8]], float, int]
+"""The frames from `begin` up to but without `end`, frames a second, and how many frames there are before `end`."""
+
+
+def _read_folder(folder: Path, begin: int, end: int | None) -> Read:
     files = images_in(folder)
     if not files and (folder / "color").is_dir():
         files = images_in(folder / "color")
     if not files:
         raise ClipError(f"{folder} holds no frames; put .jpg or .png files there, or in {folder / 'color'}")
     frames = []
-    for file in files:
+    for file in (wanted := files[begin:end]):
         try:
             encoded = np.fromfile(file, np.uint8)
         except OSError as error:
@@ -120,14 +129,14 @@ def _read_folder(folder: Path) -> list[npt.NDArray[np.uint8]]:
             raise ClipError(f"frame {file} does not decode as an image; replace it or remove it")
         if frames and frame.shape != frames[0].shape:
             raise ClipError(
-                f"frame {file} is {frame.shape[1]}x{frame.shape[0]} but {files[0].name} is "
+                f"frame {file} is {frame.shape[1]}x{frame.shape[0]} but {wanted[0].name} is "
                 f"{frames[0].shape[1]}x{frames[0].shape[0]}; bring all frames to one size"
             )
         frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
-    return frames
+    return frames, DEFAULT_FPS, len(files)
 
 
-def _read_video(path: Path) -> tuple[list[npt.NDArray[np.uint8]], float]:
+def _read_video(path: Path, begin: int, end: int | None) -> Read:
     import av
     from av.error import FFmpegError
 
@@ -137,16 +146,19 @@ def _read_video(path: Path) -> tuple[list[npt.NDArray[np.uint8]], float]:
                 raise ClipError(f"{path} has no video stream; give a video file or a folder of frames")
             stream = container.streams.video[0]
             fps = float(stream.average_rate or DEFAULT_FPS)
-            frames = [_upright(frame) for frame in container.decode(stream)]
+            frames, count = [], 0
+            for count, frame in enumerate(islice(container.decode(stream), end), 1):
+                if count > begin:
+                    frames.append(_upright(frame))
     except FFmpegError as error:
         raise ClipError(
             f"{path} does not decode as a video ({error.strerror}); give a video file or a folder of frames"
         ) from error
-    if not frames:
+    if not count:
         raise ClipError(f"{path} has a video stream without frames; give another file")
     if len({frame.shape for frame in frames}) > 1:
         raise ClipError(f"{path} changes its frame size on the way; bring all frames to one size")
-    return frames, fps
+    return frames, fps, count
 
 
 def _upright(frame: av.VideoFrame) -> npt.NDArray[np.uint8]:

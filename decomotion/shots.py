@@ -9,8 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from decomotion.clip import Clip
+from decomotion.config import DataConfig, FolderFlowConfig
 from decomotion.data.cuts import find_cuts
-from decomotion.errors import ClipError
+from decomotion.data.motion import WITHOUT_MASKS
+from decomotion.errors import ClipError, ConfigError
 from decomotion.files import replacing
 
 FILE_NAME = "shots.json"
@@ -54,6 +56,21 @@ def shots_of(clip: Clip) -> list[Shot]:
                 "leave that frame out, or take the clip as one shot with --shots ignore"
             )
     return shots
+
+
+def check_no_files(config: DataConfig) -> None:
+    """Raises `ConfigError` where flow, masks or tracks are the user's own, which go with the frames of the clip."""
+    given = {
+        "--flow": isinstance(config.flow, FolderFlowConfig),
+        "--masks": config.masks not in ("auto", *WITHOUT_MASKS),
+        "--tracks": config.tracks is not None,
+    }
+    named = " and ".join(option for option, is_given in given.items() if is_given)
+    if named:
+        raise ConfigError(
+            f"{named} with --shots split: files of the whole clip do not fit its shots; fit CLIP@A:B one by one, "
+            "each with files of its own"
+        )
 
 
 def each_shot(clip: Clip, folder: Path, fit: Callable[[Clip, Path, float], Path]) -> list[Path]:

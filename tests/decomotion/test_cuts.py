@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 import torch
 
-from decomotion import checkpoint
+from decomotion import checkpoint, clip
 from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
+from decomotion.config import load
 from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
 from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
@@ -23,6 +26,16 @@ def two_shots() -> Clip:
     """The sliding square, then what looks quite unlike it, sliding too."""
     first = sliding_square(8).frames
     return Clip("two", np.concatenate([first, 255 - first[:, ::-1, ::-1] // 3]), 24.0)
+
+
+def write_film(of: Clip, path: Path) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=24)
+        stream.height, stream.width, stream.pix_fmt = of.height, of.width, "yuv420p"
+        for frame in of.frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        container.mux(stream.encode())
+    return path
 
 
 def test_two_joined_clips(two_shots: Clip):
@@ -141,6 +154,42 @@ class TestCommands:
         assert track(argv) == 0
         assert Path("t.mp4").is_file()
 
+    def test_files_of_the_whole_clip_do_not_fit_its_shots(self, folder: Path, capsys: pytest.CaptureFixture[str]):
+        for option in ("--flow", "--masks", "--tracks"):
+            assert main([str(folder), "--shots", "split", option, str(folder)]) == 2
+            assert f"{option} with --shots split: files of the whole clip do not fit" in capsys.readouterr().err
+        assert not Path("runs").exists()
+
+    def test_a_run_of_the_whole_clip_takes_the_place_of_its_shots(self, folder: Path):
+        shots = Path("runs/two/shots.json")
+        shots.parent.mkdir(parents=True)
+        shots.write_text("{}")
+        assert main([str(folder), "--steps", "1", "--shots", "ignore", *self.SET_TINY]) == 0
+        assert not shots.exists()
+
+    def test_each_shot_has_the_default_time_and_all_share_what_is_given(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        asked: list[object] = []
+
+        def fit(part: Clip, out: Path, **options: object) -> Path:
+            asked.append(options["time_budget"])
+            return out
+
+        monkeypatch.setattr("decomotion.train.fit", fit)
+        assert main([str(folder), "--shots", "split"]) == 0
+        assert main([str(folder), "--shots", "split", "--time-budget", "4m"]) == 0
+        assert asked == [600, 600, 120, 120]
+        saved = SimpleNamespace(
+            config=load("cpu"), clip=SimpleNamespace(num_frames=8), training={"seed": 0, "budget": {"steps": 9}}
+        )
+        monkeypatch.setattr(checkpoint, "load", lambda _: saved)
+        for seconds in (600.0, 30.0):
+            saved.training["budget"]["seconds"] = seconds
+            asked.clear()
+            assert main([str(folder), "--shots", "split", "--resume"]) == 0
+            assert asked == [seconds, seconds]
+
     def test_resume_without_a_run(self, folder: Path, capsys: pytest.CaptureFixture[str]):
         assert main([str(folder), "--shots", "split", "--resume"]) == 2
         assert "shot-000/checkpoint.pt does not exist" in capsys.readouterr().err
@@ -153,11 +202,27 @@ class TestParts:
         assert part.name == "two-8-16"
         np.testing.assert_array_equal(part.frames, two_shots.frames[8:])
 
-    @pytest.mark.parametrize("wanted", ["0:1", "8:17", "9:8", "20:30"])
-    def test_that_it_has_not(self, two_shots: Clip, tmp_path: Path, wanted: str):
+    def test_the_rest_of_a_video_is_not_kept(self, two_shots: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        film = write_film(two_shots, tmp_path / "two.mp4")
+        whole, upright, kept = read_clip(film), clip._upright, []
+        monkeypatch.setattr(clip, "_upright", lambda frame: kept.append(frame.pts) or upright(frame))
+        part = read_clip(f"{film}@8:10")
+        assert (part.name, part.fps, len(kept)) == ("two-8-10", whole.fps, 2)
+        np.testing.assert_array_equal(part.frames, whole.frames[8:10])
+        assert part.frames.base is None
+
+    @pytest.mark.parametrize("wanted", ["0:1", "9:8"])
+    def test_of_fewer_than_two_frames(self, two_shots: Clip, tmp_path: Path, wanted: str):
         folder = write_frames(two_shots, tmp_path / "two")
-        with pytest.raises(ClipError, match=r"two has frames 0 to 15; @.* is not two or more of them"):
+        with pytest.raises(ClipError, match=rf"@{wanted} is not two or more frames"):
             read_clip(f"{folder}@{wanted}")
+
+    @pytest.mark.parametrize("wanted", ["8:17", "20:30"])
+    def test_that_it_has_not(self, two_shots: Clip, tmp_path: Path, wanted: str):
+        folder, film = write_frames(two_shots, tmp_path / "two"), write_film(two_shots, tmp_path / "two.mp4")
+        for path in (folder, film):
+            with pytest.raises(ClipError, match=rf"two has frames 0 to 15; @{wanted} is not two or more of them"):
+                read_clip(f"{path}@{wanted}")
 
     def test_a_path_that_looks_like_one(self, two_shots: Clip, tmp_path: Path):
         folder = write_frames(two_shots, tmp_path / "two@0:4")
