@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.data.pool import Positions
+from decomotion.data.sampling import bilinear
 
 Floats = npt.NDArray[np.float32]
 Model = npt.NDArray[np.float64]
@@ -236,7 +237,7 @@ def photometric_change(
     )
     difference = cv2.absdiff(undone, image).mean(axis=-1, dtype=np.float32)
     window = cv2.blur(difference, (CHANGE_WINDOW, CHANGE_WINDOW))
-    change = cv2.remap(window, xy[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].ravel()  # type: ignore[call-overload]
+    change = bilinear(window, xy)[..., 0]
     x, y = cv2.perspectiveTransform(xy[None], homography)[0].T
     inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
     if not inside.any():

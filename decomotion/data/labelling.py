@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.data.evidence import RESIDUAL_NOISE, Evidence
 from decomotion.data.pool import Positions
+from decomotion.data.sampling import bilinear
 
 Floats = npt.NDArray[np.float32]
 
@@ -61,7 +61,7 @@ class Links:
         """`values` [point] of frame `other` where the points of `frame` lie in it, [point]."""
         where = (self._targets[frame, other] + 0.5) * self._cells - 0.5
         image = np.ascontiguousarray(values.reshape(self._grid), np.float32)
-        return cv2.remap(image, where[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].ravel()  # type: ignore[call-overload]
+        return bilinear(image, where)[..., 0]
 
 
 def moving_probability(evidence: Evidence, lab: Floats, links: Links, grid: tuple[int, int]) -> Floats:

@@ -18,9 +18,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+
+from decomotion.data.sampling import bilinear
 
 if TYPE_CHECKING:  # it needs torch, which linking does not
     from decomotion.data.matching import Matches
@@ -65,8 +66,7 @@ def cycle_error(xy: Field, there: Field, backward: Field) -> npt.NDArray[np.floa
 
 def sample(field: Field, xy: Field) -> Field:
     """Bilinear look-up of `field` [h, w, c] at `xy` [source, point, 2], border values repeated."""
-    values = cv2.remap(field, np.ascontiguousarray(xy), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    return values.reshape(*xy.shape[:-1], -1)
+    return bilinear(field, xy)
 
 
 def outside(xy: Field, height: int, width: int) -> npt.NDArray[np.bool_]:

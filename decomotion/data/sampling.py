@@ -8,11 +8,22 @@ import numpy.typing as npt
 
 MOST_CHANNELS = 4
 """Of an image that OpenCV's remap takes."""
+MOST_POINTS = 32_000
+"""In a row of what it returns, whose sides it counts in 16 bits."""
 
 
-def sample_image(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
-    """Values [point, c] of an image [H, W, c], c at most 4, at `xy` [point, 2] in its pixels, border repeated."""
-    return cv2.remap(image, xy[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]  # type: ignore[call-overload]
+def bilinear(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
+    """Values [..., c] of an image [H, W] or [H, W, c], c at most 4, at `xy` [..., point, 2], border repeated.
+
+    Positions are in pixels of the image.
+    """
+    count = xy.shape[-2]
+    if count > MOST_POINTS:
+        parts = np.split(xy, range(MOST_POINTS, count, MOST_POINTS), axis=-2)
+        return np.concatenate([bilinear(image, part) for part in parts], axis=-2)
+    rows = np.ascontiguousarray(xy).reshape(-1, count, 2)
+    values = cv2.remap(image, rows, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return values.reshape(*xy.shape[:-1], -1)
 
 
 def sample_map(
@@ -24,4 +35,4 @@ def sample_map(
         np.ascontiguousarray(image[..., first : first + MOST_CHANNELS])
         for first in range(0, image.shape[-1], MOST_CHANNELS)
     ]
-    return np.concatenate([sample_image(part, where).reshape(len(where), -1) for part in parts], axis=-1)
+    return np.concatenate([bilinear(part, where) for part in parts], axis=-1)

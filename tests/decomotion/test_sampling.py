@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+import pytest
 
-from decomotion.data.sampling import sample_map
+from decomotion.data.sampling import MOST_POINTS, bilinear, sample_map
 
 
 def test_maps_of_another_raster_are_read_where_the_clip_s_pixels_are():
@@ -14,3 +16,16 @@ def test_maps_of_another_raster_are_read_where_the_clip_s_pixels_are():
     xy = np.array([[2.5, 4.5], [3.0, 4.0], [20.0, 11.5]], np.float32)
     expected = np.tile((xy + 0.5) / 2 - 0.5, 3)
     np.testing.assert_allclose(sample_map(image, xy, 16, 24), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(9, 14, 3), (9, 14, 2), (9, 14)])
+def test_more_points_than_a_row_of_opencv_s_may_have(shape: tuple[int, ...]):
+    random = np.random.default_rng(0)
+    image = random.random(shape, np.float32)
+    xy = random.random((2, 2 * MOST_POINTS + 7, 2), np.float32) * 20 - 3
+    found = bilinear(image, xy)
+    assert found.shape == (*xy.shape[:-1], image[0, 0].size)
+    for first in range(0, xy.shape[1], 20_000):
+        part = xy[:, first : first + 20_000].copy()
+        alone = cv2.remap(image, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        np.testing.assert_array_equal(found[:, first : first + 20_000], alone.reshape(*part.shape[:-1], -1))
