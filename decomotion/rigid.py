@@ -17,7 +17,7 @@ import torch
 
 from decomotion.clip import Clip
 from decomotion.config import Config
-from decomotion.data.evidence import Evidence, neighbours, quantile
+from decomotion.data.evidence import Evidence, in_units, neighbours, quantile
 from decomotion.data.labelling import CHANGE_RANGE
 from decomotion.data.masks import labelled_masks
 from decomotion.data.motion import closed_form, moving_at
@@ -80,7 +80,8 @@ def seeded(pool: Pool, clip: Clip, grid: tuple[int, int], model: DecoMotion) -> 
     count = grid[0] * grid[1]
     residual = rigid_residual(model, pool)[:, :count]
     found = Evidence(residual, np.full_like(residual, CHANGE_RANGE[1]))  # the model's word is taken as it is
-    masks = labelled_masks(clip.frames, found, pool.points, pool.targets, pool.confidence, grid)
+    images, size = in_units(clip.frames), (clip.height, clip.width)
+    masks = labelled_masks(images, size, found, pool.points, pool.targets, pool.confidence, grid)
     moving = moving_at(pool.points, masks)
     _, of_object = closed_form(clip, pool.points, pool.targets, pool.confidence, moving)
     return dataclasses.replace(pool, moving=moving, object=of_object)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import cv2
@@ -11,9 +12,15 @@ import numpy.typing as npt
 from decomotion.clip import images_in
 from decomotion.data import evidence, labelling
 from decomotion.data.pool import Positions, first_points
+from decomotion.data.sampling import bilinear
 from decomotion.errors import SupervisionError
 
+log = logging.getLogger(__name__)
+
 Mask = npt.NDArray[np.bool_]
+
+JPEG_BLACK = 127
+"""A JPEG's edges ring: what is not brighter than this is black."""
 
 
 def auto_masks(
@@ -34,41 +41,42 @@ def auto_masks(
     """
     height, width = frames.shape[1:3]
     count = grid[0] * grid[1]
-    positions = evidence.to_units(points[:, :count], height, width)
+    images, positions = evidence.in_units(frames), evidence.to_units(points[:, :count], height, width)
     scale = 256 / max(height, width)
-    found = evidence.motion_evidence(
-        evidence.in_units(frames), positions, first_points(targets, count), confidence[:, :, :count], scale
-    )
-    return labelled_masks(frames, found, points, targets, confidence, grid)
+    found = evidence.motion_evidence(images, positions, first_points(targets, count), confidence[:, :, :count], scale)
+    return labelled_masks(images, (height, width), found, points, targets, confidence, grid)
 
 
 def labelled_masks(
-    frames: npt.NDArray[np.uint8],
+    images: npt.NDArray[np.uint8],
+    size: tuple[int, int],
     found: evidence.Evidence,
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
 ) -> Mask:
-    """Masks [frame, H, W] from the evidence found at the points of the grid; the rest as for `auto_masks`."""
-    height, width = frames.shape[1:3]
+    """Masks [frame, H, W] from the evidence found at the points of the grid.
+
+    `images` are those of `evidence.in_units`, `size` is the clip's (H, W); the rest as for `auto_masks`.
+    """
+    height, width = size
     count = grid[0] * grid[1]
     positions = evidence.to_units(points[:, :count], height, width)
-    lab = np.stack([_lab_at(image, xy) for image, xy in zip(evidence.in_units(frames), positions, strict=True)])
+    lab = np.stack([_lab_at(image, xy) for image, xy in zip(images, positions, strict=True)])
     links = labelling.Links(first_points(targets, count), confidence[:, :, :count], grid, height, width)
     probability = labelling.moving_probability(found, lab, links, grid)
-    enlarged = [cv2.resize(values.reshape(grid), (width, height)) for values in probability]
-    return np.stack(enlarged) > 0.5
+    return np.stack([cv2.resize(values.reshape(grid), (width, height)) > 0.5 for values in probability])
 
 
 def _lab_at(image: npt.NDArray[np.uint8], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """CIE Lab colours [point, 3] of a slightly blurred RGB image at `xy` [point, 2]."""
     lab = cv2.cvtColor(cv2.GaussianBlur(image, (3, 3), 0), cv2.COLOR_RGB2LAB)
-    return cv2.remap(lab, xy[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(np.float32)  # type: ignore[call-overload]
+    return bilinear(lab, xy).astype(np.float32)
 
 
 def read_masks(folder: Path, frames: int, height: int, width: int) -> Mask:
-    """Masks [frame, H, W] from a folder of images, one a frame in natural order; any non-black pixel moves.
+    """Masks [frame, H, W] from a folder of images, one a frame in natural order; any pixel that is not black moves.
 
     Raises `SupervisionError` where they do not fit the clip.
     """
@@ -79,13 +87,16 @@ def read_masks(folder: Path, frames: int, height: int, width: int) -> Mask:
         raise SupervisionError(f"mask folder {folder} has {len(files)} images but the clip has {frames} frames")
     masks = []
     for file in files:
-        image = cv2.imread(str(file), cv2.IMREAD_COLOR)
+        encoded = np.fromfile(file, np.uint8) if file.is_file() else np.empty(0, np.uint8)
+        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if encoded.size else None
         if image is None:
             raise SupervisionError(f"mask {file} does not decode as an image; replace it")
-        mask = image.max(axis=-1) > 0
+        mask = image.max(axis=-1) > (0 if file.suffix.lower() == ".png" else JPEG_BLACK)
         if mask.shape != (height, width):
             raise SupervisionError(
                 f"mask {file} is {mask.shape[1]}x{mask.shape[0]} but the clip is {width}x{height}; resize it"
             )
         masks.append(mask)
+    if not any(mask.any() for mask in masks):
+        log.warning("all masks in %s are black: nothing moves", folder)
     return np.stack(masks)

@@ -184,6 +184,23 @@ class TestRead:
         write(tmp_path, {"0.png": blank((3, 5)).max(axis=-1)})
         assert read_masks(tmp_path, 1, 4, 6).sum() == 1
 
+    def test_labels_of_16_bits(self, tmp_path: Path):
+        labels = np.zeros((4, 6), np.uint16)
+        labels[2, 3] = 1
+        cv2.imwrite(str(tmp_path / "0.png"), labels)
+        assert np.argwhere(read_masks(tmp_path, 1, 4, 6)[0]).tolist() == [[2, 3]]
+
+    def test_the_ringing_of_a_jpeg_is_black(self, tmp_path: Path):
+        drawn = np.zeros((32, 32), np.uint8)
+        drawn[8:21, 11:24] = 255
+        cv2.imwrite(str(tmp_path / "0.jpg"), drawn, [cv2.IMWRITE_JPEG_QUALITY, 70])
+        np.testing.assert_array_equal(read_masks(tmp_path, 1, 32, 32)[0], drawn > 0)
+
+    def test_masks_that_are_all_black_are_said(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        write(tmp_path, {"0.png": np.zeros((4, 6, 3), np.uint8), "1.png": np.zeros((4, 6, 3), np.uint8)})
+        assert not read_masks(tmp_path, 2, 4, 6).any()
+        assert "are black: nothing moves" in caplog.text
+
     def test_absent(self, tmp_path: Path):
         with pytest.raises(SupervisionError, match="nowhere does not exist"):
             read_masks(tmp_path / "nowhere", 2, 4, 6)
