@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,8 @@ from decomotion.clip import Clip
 from decomotion.errors import SupervisionError
 
 NAMES = ("tracks", "occluded", "queries", "confidence")
+UNREADABLE = (ValueError, OSError, EOFError, RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error)
+"""What numpy raises where a file is damaged, or none of its own."""
 QUERY_TOLERANCE = 0.05
 """Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
 
@@ -93,7 +97,7 @@ def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
             raise ValueError("one array")
         with content:
             arrays = {name: content[name] for name in NAMES if name in content}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except UNREADABLE as error:
         raise SupervisionError(f"{where} is not an .npz file of plain arrays; save it with numpy.savez") from error
     for name, array in arrays.items():
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == np.bool_):

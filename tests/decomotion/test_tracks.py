@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +105,27 @@ def test_where_hidden_anything_goes(tmp_path: Path):
 def test_what_does_not_fit_is_refused(tmp_path: Path, change: dict[str, Any], message: str):
     with pytest.raises(SupervisionError, match=message):
         read_tracks(saved(tmp_path, **{**arrays(), **change}), CLIP)
+
+
+@pytest.mark.parametrize("place", ["data", "header", "method"])
+def test_a_damaged_file(tmp_path: Path, place: str):
+    file = tmp_path / "tracks.npz"
+    np.savez_compressed(file, tracks=np.random.default_rng(0).random((5, 8, 2)), occluded=np.zeros((5, 8), bool))
+    content = bytearray(file.read_bytes())
+    if place == "data":
+        content[80:90] = b"\xff" * 10
+    elif place == "header":
+        with zipfile.ZipFile(file, "w") as archive:
+            for name in ("tracks", "occluded"):
+                buffer = io.BytesIO()
+                np.save(buffer, np.zeros((5, 8, 2)))
+                archive.writestr(f"{name}.npy", buffer.getvalue().replace(b"}", b"("))
+        content = bytearray(file.read_bytes())
+    else:
+        content[content.index(b"PK\x01\x02") + 10] = 99  # a method of compression that there is not
+    file.write_bytes(content)
+    with pytest.raises(SupervisionError, match=r"is not an \.npz file of plain arrays"):
+        read_tracks(file, CLIP)
 
 
 def test_other_files(tmp_path: Path):

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.config import DisFlowConfig
-from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, to_raster
+from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, resized, to_raster
 
 
 class DisFlow:
@@ -58,4 +58,4 @@ class DisFlow:
 
 
 def _grey(frame: Frame, size: Size) -> npt.NDArray[np.uint8]:
-    return cv2.resize(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+    return resized(np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8), size)

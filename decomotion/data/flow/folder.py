@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def read_field(file: Path) -> Field:
     """The field [h, w, 2] of a `.npy` or `.flo` file; raises `SupervisionError` where it is none or not finite."""
     try:
         field = np.load(file, allow_pickle=False) if file.suffix == ".npy" else _read_flo(file)
-    except (ValueError, EOFError, OSError) as error:
+    except (ValueError, EOFError, OSError, SyntaxError, TokenError) as error:
         raise SupervisionError(f"flow field {file} cannot be read or is damaged; replace it") from error
     if field.ndim != 3 or field.shape[2] != 2 or 0 in field.shape or not np.issubdtype(field.dtype, np.floating):
         raise SupervisionError(f"flow field {file} is {field.dtype} {list(field.shape)}; it must be float [h, w, 2]")

@@ -47,6 +47,12 @@ def enlarged(height: int, width: int, factor: float, max_side: int, min_side: in
     return max(min_side, round(width * scale)), max(min_side, round(height * scale))
 
 
+def resized(frame: npt.NDArray[np.uint8], size: Size) -> npt.NDArray[np.uint8]:
+    """A frame [H, W] or [H, W, 3] brought to `size`; where it shrinks, pixels are averaged against aliasing."""
+    how = cv2.INTER_AREA if size[0] < frame.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
+
+
 def kept(height: int, width: int, field_side: int) -> Size:
     """Size of the raster on which a frame's fields are kept: the frame's own, its longer side at most `field_side`."""
     return enlarged(height, width, 1.0, field_side)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 
-import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from decomotion.config import RaftFlowConfig
-from decomotion.data.flow.interface import Field, Frame, enlarged, kept, to_raster
+from decomotion.data.flow.interface import Field, Frame, enlarged, kept, resized, to_raster
 from decomotion.data.weights import downloaded, read_state
 from decomotion.errors import SupervisionError
 
@@ -74,9 +73,7 @@ class RaftFlow:
 
     def _prepared(self, frame: Frame, size: tuple[int, int], margins: tuple[int, ...]) -> Tensor:
         """[1, 3, h, w] in [-1, 1], the border repeated to sides that are multiples of 8."""
-        shrinks = size[0] < frame.shape[1]
-        resized = cv2.resize(frame, size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
-        image = torch.from_numpy(resized).to(self._device).permute(2, 0, 1)[None].float() / 127.5 - 1
+        image = torch.from_numpy(resized(frame, size)).to(self._device).permute(2, 0, 1)[None].float() / 127.5 - 1
         return F.pad(image, margins, mode="replicate")
 
 
