@@ -40,7 +40,7 @@ def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, 
     prepared = prepare_in_stages(frames, config.data, rebuild=rebuild_cache, device=device)
     for stage in prepared.stages:
         seconds = ", ".join(f"{part} {each:.1f} s" for part, each in stage.seconds.items())
-        click.echo(f"{stage.name}: {stage.bytes / 2**20:.0f} MiB, {seconds}")
+        click.echo(f"{stage.name}: {stage.bytes / 2**20:.0f} MiB, {f'cached ({seconds})' if stage.cached else seconds}")
     pool, facts = prepared.pool, prepared.stages[0].facts
     kept = next(stage.facts["kept"] for stage in reversed(prepared.stages) if "kept" in stage.facts)
     click.echo(

@@ -6,7 +6,6 @@ The fields lie in `flow/` of the partial stage, and are removed when the links a
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import time
 from functools import partial
@@ -20,12 +19,12 @@ from tqdm import tqdm
 from decomotion.clip import Clip
 from decomotion.config import DataConfig
 from decomotion.data import linking
-from decomotion.data.fields import FlowFields
+from decomotion.data.fields import FlowFields, threads
 from decomotion.data.flow import FlowEstimator
 from decomotion.data.intervals import choose_intervals, pairs_of
 from decomotion.data.matching import MatchStore
 from decomotion.data.pool import pack
-from decomotion.data.sampling import sample_image
+from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
 from decomotion.data.tracks import UserTracks
 
@@ -54,7 +53,8 @@ def build_links(
     matches = MatchStore(clip, config.matching, progress, neighbours=estimator.guided)
     matched = time.monotonic()
     fields = FlowFields(clip, estimator, matches, folder / "flow")
-    schedule = scheduled(clip, config, fields, folder / SCHEDULE)
+    budget = config.prepare_budget - (matched - begin)
+    schedule = scheduled(clip, config, fields, budget, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_fields = fields.compute(intervals, progress)
@@ -63,9 +63,7 @@ def build_links(
     frames, on_grid = points.shape[:2]
     shown = points if tracks is None else np.concatenate([points, tracks.points(clip)], axis=1)
     np.save(folder / "points.npy", shown)
-    np.save(
-        folder / "rgb.npy", np.stack([sample_image(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)])
-    )
+    np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
     count = shown.shape[1]
     create = partial(np.lib.format.open_memmap, mode="w+")
     targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
@@ -98,23 +96,24 @@ def build_links(
     }
 
 
-def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, file: Path) -> dict[str, Any]:
+def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, budget: float, file: Path) -> dict[str, Any]:
     """The gaps at which flow is computed, and what a field costs, from `file` where an earlier run has chosen already.
 
     The cost is the wall time of a field, the least of three trials on the first few, which are kept: other work on the
-    machine makes trials dearer, never cheaper. Only `geometric` and `all` depend on it.
+    machine makes trials dearer, never cheaper. Only `geometric` and `all` depend on it, and on `budget`, the seconds
+    that are left for the preparation.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
-    fields.estimator.require(pairs_of((1,), len(clip)))
-    at_once = (os.cpu_count() or 1) if fields.estimator.concurrent else 1
+    shutil.rmtree(fields.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
+    at_once = threads() if fields.estimator.concurrent else 1
     costs = []
     for trial in range(TRIALS):
         begin = time.monotonic()
         made = fields.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
         costs += [(time.monotonic() - begin) / made] if made else []
     cost = min(costs)
-    intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, config.prepare_budget)
+    intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, budget)
     chosen = {"intervals": list(intervals), "seconds_per_field": cost}
     write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
     return chosen

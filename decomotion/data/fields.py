@@ -20,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 from tqdm import tqdm
 
 from decomotion.clip import Clip
@@ -158,14 +159,20 @@ def _stops(first: int, second: int, gaps: Sequence[int]) -> list[int]:
     return stops
 
 
+def threads() -> int:
+    """How many threads may work at once: as many as torch has, and no more than the process has cores."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, torch.get_num_threads())
+
+
 def _each(task: Callable[[Couple], None], couples: Iterable[Couple], concurrent: bool) -> Iterator[None]:
     if not concurrent:
         yield from map(task, couples)
         return
-    threads = cv2.getNumThreads()
+    former = cv2.getNumThreads()
     cv2.setNumThreads(1)  # one couple a thread is faster than every thread on one
     try:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(threads()) as pool:
             yield from pool.map(task, couples)
     finally:
-        cv2.setNumThreads(threads)
+        cv2.setNumThreads(former)

@@ -21,7 +21,7 @@ def choose_intervals(
         frames: frames of the clip; gaps that it does not have are left out.
         max_gap: longest gap that is linked at all.
         seconds_per_field: wall time of one field, as measured.
-        budget: seconds for the whole preparation, of which flow gets `FLOW_SHARE`.
+        budget: seconds for the preparation from here on, of which flow gets `FLOW_SHARE`.
     """
     longest = min(frames - 1, max_gap)
     if not isinstance(config.intervals, str):

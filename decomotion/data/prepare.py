@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +22,7 @@ from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.filtering import Grid, build_filtered
 from decomotion.data.flow import FlowEstimator, build_flow
+from decomotion.data.intervals import pairs_of
 from decomotion.data.memory import kept_memory
 from decomotion.data.motion import WITHOUT_MASKS, build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
@@ -28,7 +30,9 @@ from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.data.tracks import UserTracks, read_tracks
 from decomotion.errors import SupervisionError
 
-VERSIONS = {"links": 6, "features": 1, "filter": 1, "motion": 3}
+log = logging.getLogger(__name__)
+
+VERSIONS = {"links": 7, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 MIN_POINTS = 256
@@ -95,7 +99,7 @@ class _Work:
         if self.config.feature_weights is not None and not Path(self.config.feature_weights).is_file():
             raise SupervisionError(f"--feature-weights {self.config.feature_weights} does not exist")
         if rebuild or not self.links.finished:
-            _ = self.estimator
+            self.estimator.require(pairs_of((1,), len(self.clip)))
         if rebuild or not self.features.finished:
             _ = self.extractor
 
@@ -131,6 +135,13 @@ class _Work:
                 f"a pool of {self.config.pool.disk_limit} MiB is too small for {len(self.clip)} frames: {what} "
                 f"room for {max(0, limit)} points a frame; raise data.pool.disk_limit, or give fewer frames"
             )
+        if limit < wanted:
+            log.warning(
+                "%d MiB have room for %d of %d points a frame; for all of them raise data.pool.disk_limit",
+                self.config.pool.disk_limit,
+                limit,
+                wanted,
+            )
         return min(wanted, limit)
 
     @cached_property
@@ -163,7 +174,7 @@ class _Work:
             "links",
             flow=config.flow.model_dump(mode="json"),
             given=self.digest_of_flow(),
-            budget=config.prepare_budget,
+            budget=config.prepare_budget if isinstance(config.flow.intervals, str) else None,
             points=self.count,
             cycle_threshold=config.pool.cycle_threshold,
             max_gap=config.pool.max_gap,

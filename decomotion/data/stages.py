@@ -14,8 +14,8 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,11 +57,11 @@ class Stage:
         """Whether it is there, whole."""
         return (self.folder / RECORD).is_file()
 
-    def record(self) -> Record:
-        """Of the finished stage."""
+    def record(self, cached: bool) -> Record:
+        """Of the finished stage; `cached`: not made by this call."""
         content = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
         size = sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
-        return Record(self.name, self.folder, content["seconds"], content["facts"], size)
+        return Record(self.name, self.folder, content["seconds"], content["facts"], size, cached)
 
     def run(self, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
         """Makes the stage with `build` unless it is finished; `rebuild` forgets what there is.
@@ -70,11 +70,11 @@ class Stage:
         to record: plain values, with `seconds`, a mapping of seconds by part, where it has several.
         """
         if self.finished and not rebuild:
-            return self.record()
+            return self.record(cached=True)
         self.root.mkdir(parents=True, exist_ok=True)
         with _waiting(self.root / f".{self.folder.name}.lock", self.name):
             if self.finished and not rebuild:  # another run was faster
-                return self.record()
+                return self.record(cached=True)
             partial = self.root / f".{self.folder.name}.partial"
             if rebuild:
                 shutil.rmtree(partial, ignore_errors=True)
@@ -88,7 +88,7 @@ class Stage:
             if self.folder.exists():  # it keeps serving those that have it open
                 shutil.rmtree(self.folder)
             partial.rename(self.folder)
-        return self.record()
+        return self.record(cached=False)
 
 
 @dataclass(frozen=True)
@@ -102,16 +102,22 @@ class Record:
     facts: dict[str, Any]
     bytes: int
     """On disk."""
+    cached: bool
+    """Whether it was there already."""
 
 
-def _waiting(path: Path, name: str) -> FileLock:
+@contextmanager
+def _waiting(path: Path, name: str) -> Iterator[None]:
     lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except Timeout:
         log.info("another run is preparing the %s of this clip; waiting for it", name)
         lock.acquire()
-    return lock
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def remove_abandoned(root: Path) -> None:

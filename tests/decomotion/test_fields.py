@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from decomotion.clip import Clip
 from decomotion.config import MatchingConfig
-from decomotion.data.fields import FlowFields, nearer, smooth
+from decomotion.data.fields import FlowFields, nearer, smooth, threads
 from decomotion.data.flow.interface import Field, Frame
 from decomotion.data.matching import Matches, MatchStore
 
@@ -80,6 +81,13 @@ def test_neighbours_start_at_matches(clip: Clip, tmp_path: Path, monkeypatch: py
     found.compute((1,), progress=False)
     for first, second in [(0, 1), (4, 3)]:
         np.testing.assert_allclose(found(first, second), flow(SPEED * (second - first)), atol=0.01)
+
+
+def test_no_more_threads_than_torch_and_the_process_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, of_torch, expected in [({0, 3}, 8, 2), (set(range(8)), 1, 1)]:
+        monkeypatch.setattr("os.sched_getaffinity", lambda _, cores=cores: cores, raising=False)
+        monkeypatch.setattr(torch, "get_num_threads", lambda of_torch=of_torch: of_torch)
+        assert threads() == expected
 
 
 def test_what_is_there_is_not_made_again(clip: Clip, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ import pytest
 
 from decomotion.clip import Clip
 from decomotion.config import DataConfig, load
+from decomotion.data import correspondences
 from decomotion.data import prepare as preparation
 from decomotion.data.flow import Field, Frame
 from decomotion.data.flow.dis import DisFlow
+from decomotion.data.matching import MatchStore
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
@@ -160,10 +163,12 @@ class TestTracks:
 
 
 class TestLimits:
-    def test_a_small_disk_gets_fewer_points(self, clip: Clip):
+    def test_a_small_disk_gets_fewer_points(self, clip: Clip, caplog: pytest.LogCaptureFixture):
         pool = prepare(clip, config("data.pool.points_per_frame=100000", "data.pool.disk_limit=1"), progress=False)
         size = sum(getattr(pool, name).nbytes for name in ("points", "confidence", "rgb", "feature", "moving"))
         assert size + 2 * int(np.prod(pool.targets.shape)) == pytest.approx(2**20, rel=0.1)
+        assert "1 MiB have room for" in caplog.text
+        assert "of 100000 points a frame" in caplog.text
 
     def test_too_small_a_disk(self):
         with pytest.raises(SupervisionError, match="a pool of 1 MiB is too small for 80 frames"):
@@ -227,7 +232,7 @@ class TestCache:
         [
             ("data.pool.cycle_threshold=2", ["links", "motion"]),
             ("data.flow.patch_stride=4", ["links", "motion"]),
-            ("data.prepare_budget=1000", ["links", "motion"]),
+            ("data.prepare_budget=1000", []),  # gaps are a list
             ("data.pool.points_per_frame=300", ["links", "features", "motion"]),
             ("data.features=densesift", ["features"]),
             ("data.masks=none", ["motion"]),
@@ -281,6 +286,58 @@ class TestCache:
         assert (0, 1) in called[50:]
         np.testing.assert_array_equal(again.targets[...], whole.targets[...])
         np.testing.assert_array_equal(again.confidence, whole.confidence)
+
+    def test_another_budget_may_give_other_gaps(self, builds: list[str], clip: Clip):
+        settings = config("data.features=none", "data.flow.intervals=geometric")
+        prepare(clip, settings, progress=False)
+        builds.clear()
+        prepare(clip, settings.model_copy(update={"prepare_budget": 1000.0}), progress=False)
+        assert builds == ["links", "motion"]
+
+    def test_a_run_killed_in_its_trials_measures_them_anew(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
+    ):
+        settings = config("data.features=none", "data.flow.intervals=geometric")
+
+        def killed(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(correspondences, "choose_intervals", killed)
+            with pytest.raises(KeyboardInterrupt):
+                prepare(clip, settings, progress=False)
+        assert list(preparation.cache_root().glob("*/.links-*.partial/flow/*.npy"))
+        called: list[tuple[int, int]] = []
+        estimate = DisFlow.__call__
+
+        def counted(self: DisFlow, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None) -> Field:
+            called.append(pair)
+            return estimate(self, first, second, pair, start)
+
+        monkeypatch.setattr(DisFlow, "__call__", counted)
+        prepare(clip, settings, progress=False)
+        assert (0, 1) in called
+
+    def test_what_is_left_after_matching_is_the_budget(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
+    ):
+        asked = []
+
+        def gaps(*arguments: Any) -> tuple[int, ...]:
+            asked.append(arguments[-1])
+            return (1,)
+
+        class Slow(MatchStore):
+            def __init__(self, *arguments: Any, **options: Any) -> None:
+                super().__init__(*arguments, **options)
+                clock[0] += 100.0
+
+        clock = [0.0]
+        monkeypatch.setattr(correspondences, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+        monkeypatch.setattr(correspondences, "MatchStore", Slow)
+        monkeypatch.setattr(correspondences, "choose_intervals", gaps)
+        prepare(clip, config("data.features=none", "data.prepare_budget=180"), progress=False)
+        assert asked == [80.0]
 
     def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import threading
 import time
@@ -32,7 +33,8 @@ def test_done_once(tmp_path: Path):
     assert (first.folder / "array").read_text() == "content"
     assert first.bytes > len("content")
     assert set(first.seconds) == {"part"}
-    assert stage(tmp_path).run(fail) == first
+    assert not first.cached
+    assert stage(tmp_path).run(fail) == dataclasses.replace(first, cached=True)
 
 
 def test_other_settings_are_another_stage(tmp_path: Path):
