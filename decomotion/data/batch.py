@@ -57,11 +57,16 @@ class Sampler:
         self._config = config
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in pixels (OmniMotion's error maps)."""
+        self._hard = round(config.points * config.hard_mining)
         uniform = not config.count_maps and config.moving_share == 0
         self._cumulated = None if uniform else _cumulated_probability(pool, config)
 
     def draw(self, longest_gap: int, generator: Generator) -> Batch:
-        """A batch whose pairs are at most `longest_gap` frames apart."""
+        """A batch whose pairs are at most `longest_gap` frames apart.
+
+        Points with a known target are taken first, and those drawn by their error come last: smoothness is evaluated
+        at the first (`DecoMotion.predict`).
+        """
         pool, config = self._pool, self._config
         frames = pool.num_frames
         frame = torch.randint(frames, (config.pairs,), generator=generator)
@@ -75,7 +80,9 @@ class Sampler:
         )
         candidates = self._draw_points(frame, generator)
         known = pool.confidence[frame.numpy()[:, None], target.numpy()[:, None], candidates.numpy()] > 0
-        point = candidates.gather(1, _known_first(torch.from_numpy(known))[:, : config.points])
+        chosen = _first(torch.from_numpy(known))[:, : config.points]
+        chosen = chosen.gather(1, _first(chosen >= self._hard))
+        point = candidates.gather(1, chosen)
 
         i, j, p = frame.numpy()[:, None], target.numpy()[:, None], point.numpy()
         moving = pool.moving[i, p]
@@ -94,8 +101,7 @@ class Sampler:
 
     def _draw_points(self, frame: Int[Tensor, " pair"], generator: Generator) -> Int[Tensor, "pair point"]:
         """`candidates` times as many points as a batch needs; the hard ones among them come first."""
-        config = self._config
-        hard = round(config.points * config.hard_mining)
+        config, hard = self._config, self._hard
         shape = (len(frame), config.points * config.candidates - hard)
         if self._cumulated is None:
             drawn = torch.randint(self._pool.num_points, shape, generator=generator)
@@ -116,9 +122,9 @@ class Sampler:
         self.errors[frame, batch.point] = torch.where(batch.confidence > 0, 0.5 * old + 0.5 * error, 0.9 * old)
 
 
-def _known_first(known: Bool[Tensor, "pair candidate"]) -> Int[Tensor, "pair candidate"]:
-    """An order of each pair's candidates in which those with a known target come first, otherwise as drawn."""
-    return torch.argsort((~known).to(torch.uint8), dim=-1, stable=True)
+def _first(which: Bool[Tensor, "pair candidate"]) -> Int[Tensor, "pair candidate"]:
+    """An order of each pair's candidates in which `which` come first, otherwise as they were."""
+    return torch.argsort((~which).to(torch.uint8), dim=-1, stable=True)
 
 
 def _cumulated_probability(pool: Pool, config: OptimConfig) -> Float[Tensor, "frame point"]:

@@ -121,6 +121,16 @@ def test_hard_points_are_drawn_more_often():
     assert share.item() == pytest.approx(0.5 * 0.1 + 0.5 * (1 - 0.9**4), abs=0.02)
 
 
+@pytest.mark.parametrize("candidates", [1, 3])
+def test_hard_points_come_last(candidates: int):
+    """Smoothness is evaluated at the first points of a pair."""
+    sampler = Sampler(make_pool(), config(pairs=200, hard_mining=0.5, candidates=candidates))
+    sampler.errors[:, :4] = 50.0
+    hard = (draw(sampler, 5).point < 4).float().mean(dim=0)
+    assert hard[:15].mean().item() == pytest.approx(0.1, abs=0.03)
+    assert hard[15:].mean().item() == pytest.approx(1 - 0.9**4, abs=0.05)
+
+
 def test_points_that_are_linked_to_few_frames_are_drawn_more_often():
     confidence = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
     confidence[..., :20] = 0
