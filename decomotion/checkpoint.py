@@ -12,7 +12,7 @@ import torch
 from decomotion import config as configuration
 from decomotion.clip import Clip
 from decomotion.config import Config
-from decomotion.errors import CheckpointError
+from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
@@ -74,6 +74,8 @@ def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
         content = torch.load(path, map_location="cpu", weights_only=True)
         version = int(content["format_version"])
         found = _rebuilt(content, str(path)) if version == FORMAT_VERSION else None
+    except ConfigError as error:
+        raise CheckpointError(f"the configuration in {error}; fit the clip again") from error
     except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, TypeError, ValueError, OSError) as error:
         raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
     if found is None:

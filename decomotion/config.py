@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -19,6 +19,9 @@ EXTENDS = "extends"
 """Key of a file that builds on a preset."""
 ESTIMATORS = {"dis": "cpu", "raft-small": "paper", "raft-large": "paper"}
 """Flow estimators, and the preset whose file holds each one's settings."""
+
+
+Cells = Annotated[int, Field(ge=1)]
 
 
 class Leaf(BaseModel):
@@ -209,7 +212,7 @@ class GridConditionerConfig(Leaf):
     """Coupling layers conditioned by grids."""
 
     kind: Literal["grid"]
-    cells: tuple[int, ...]
+    cells: tuple[Cells, ...] = Field(min_length=1)
     """Cells along the image's longer side, level by level; the finest last."""
     rank: int = Field(ge=1)
     """Grids that are mixed into each frame's."""
@@ -239,7 +242,7 @@ class GridFieldConfig(Leaf):
     """Channels of the MLP."""
     channels: int = Field(ge=1)
     """Channels of each plane."""
-    image_cells: tuple[int, ...]
+    image_cells: tuple[Cells, ...] = Field(min_length=1)
     """Cells of the x-y planes along the image's longer side, plane by plane."""
     depth_cells: int = Field(ge=2)
     """Cells of the x-z and y-z planes, likewise."""
@@ -265,12 +268,19 @@ class VolumeConfig(Leaf):
     """Channels of the 2-layer MLP that corrects them."""
     couplings: int = Field(ge=0)
     """Number of invertible coupling layers after the affine map."""
-    directions: tuple[tuple[float, float, float], ...]
+    directions: tuple[tuple[float, float, float], ...] = Field(min_length=1)
     """The direction along which each coupling layer moves points, repeated as needed."""
     conditioner: MlpConditionerConfig | GridConditionerConfig = Field(discriminator="kind")
     field: GaborFieldConfig | GridFieldConfig = Field(discriminator="kind")
     surface: SurfaceConfig | None
     """The sheet to start with; null: none, as in the paper."""
+
+    @field_validator("directions")
+    @classmethod
+    def _lead_somewhere(cls, directions: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+        if not all(any(direction) for direction in directions):
+            raise ValueError("a direction of zeros leads nowhere")
+        return directions
 
 
 class ModelConfig(Leaf):
@@ -389,7 +399,7 @@ def _read(preset: str, file: str | Path | None) -> tuple[dict[str, Any], str]:
         raise ConfigError(f"config file {source} does not exist; copy one of decomotion/configs/ to start from")
     try:
         tree = yaml.safe_load(source.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"config file {source} is not YAML: {error}") from error
     if not isinstance(tree, dict):
         raise ConfigError(f"config file {source} does not hold a mapping of keys")

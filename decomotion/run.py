@@ -20,7 +20,7 @@ from decomotion.checkpoint import ClipFacts
 from decomotion.config import Config
 from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
-from decomotion.errors import TrainingError
+from decomotion.errors import CheckpointError, TrainingError
 from decomotion.files import replacing
 from decomotion.losses import LOSSES, applicable
 from decomotion.model.fusion import DecoMotion
@@ -51,7 +51,16 @@ class Run:
         self.device = next(model.parameters()).device
 
     def restore(self, training: dict[str, Any]) -> None:
-        """Continues where `training`, written by `save`, was."""
+        """Continues where `training`, written by `save`, was.
+
+        Raises `CheckpointError` where it was fitted to another number of points.
+        """
+        points, former = self.sampler.errors.shape[1], training["errors"].shape[1]
+        if points != former:
+            raise CheckpointError(
+                f"{self.folder} was fitted to {former} points a frame but its supervision now has {points}; give the "
+                "tracks that it was begun with, or train again without --resume"
+            )
         self.optimiser.load_state_dict(training["optimiser"])
         self.sampler.errors.copy_(training["errors"])
         self.step, self.elapsed, self.prepared = training["step"], training["elapsed"], training["prepared"]

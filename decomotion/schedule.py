@@ -24,6 +24,10 @@ class Budget:
             return step / self.steps
         return min(1.0, (elapsed - prepared) / max(self.seconds - prepared, MIN_SECONDS))
 
+    def after(self, steps: int) -> Budget:
+        """What is left of it when so many of the steps are done; of a time, the run itself knows."""
+        return Budget(max(1, self.steps - steps), self.seconds)
+
     def part(self, share: float, elapsed: float) -> Budget:
         """That share of the steps, or of the time that is left after `elapsed` seconds."""
         seconds = None if self.seconds is None else share * max(self.seconds - elapsed, MIN_SECONDS)

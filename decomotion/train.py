@@ -12,7 +12,7 @@ from pathlib import Path
 import torch
 import yaml
 
-from decomotion import checkpoint, rigid
+from decomotion import checkpoint, losses, rigid, shots
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip, read_clip
 from decomotion.config import Config
@@ -22,11 +22,9 @@ from decomotion.data.prepare import prepare_in_stages
 from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
-from decomotion.losses import check_names
 from decomotion.model.fusion import DecoMotion
 from decomotion.run import Run
 from decomotion.schedule import Budget
-from decomotion.shots import check_one_shot
 
 log = logging.getLogger(__name__)
 
@@ -70,16 +68,14 @@ def fit(
     folder = Path(out) if out is not None else Path("runs") / clip.name
     where = torch.device(choose_device(device))
     if resume:
-        run = _resumed(folder, clip, where, progress)
+        run = _resumed(folder, clip, where, steps, time_budget, progress)
     else:
         config = config or load_config("paper" if where.type == "cuda" else "cpu")
-        check_names(config.loss)
+        losses.check(config.loss, config.model.volumes)
         if not ignore_cuts:
-            check_one_shot(clip)
+            shots.check_one_shot(clip)
         budget = Budget(steps or config.optim.steps, time_budget)
         run = _fresh(folder, clip, config, where, seed, budget, begin, rebuild_cache, progress)
-    if steps is not None or time_budget is not None:
-        run.budget = Budget(steps or run.config.optim.steps, time_budget)
     with _says_how_to_resume(folder):
         run.loop(begin, progress)
     return folder
@@ -95,6 +91,12 @@ def choose_device(name: str) -> str:
         raise ConfigError(f"--device {name} is not a device that torch knows; use auto, cpu or cuda") from error
     if name.startswith("cuda") and not torch.cuda.is_available():
         raise ConfigError("--device cuda was asked for but torch sees no CUDA device; use --device cpu or auto")
+    try:
+        usable = torch.empty(0, device=name).device.type != "meta"
+    except (AssertionError, RuntimeError):
+        usable = False
+    if not usable:
+        raise ConfigError(f"--device {name} cannot be computed on here; use auto, cpu or cuda")
     return name
 
 
@@ -113,29 +115,30 @@ def _fresh(
     pool, facts = prepared.pool, ClipFacts.of(clip)
     for former in ("previews", "tensorboard", rigid.FOLDER):
         shutil.rmtree(folder / former, ignore_errors=True)
+    (folder / shots.FILE_NAME).unlink(missing_ok=True)
     with replacing(folder / "config.yaml") as file:
         file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
     run = Run(folder, facts, config, _model(config, clip, pool, device, seed), pool, seed)
+    run.budget = budget
     if config.data.masks != rigid.RIGID_FIRST:
         return run
-    run.budget, run.elapsed = budget, time.monotonic() - begin
+    run.elapsed = time.monotonic() - begin
     run.save()  # not yet prepared, which is how --resume knows that the static volume comes first
-    pool, model, _ = _rigid_stage(run, clip, prepared.grid, progress)
-    return Run(folder, facts, config, model, pool, seed)
+    return _rigid_stage(run, clip, prepared.grid, progress)
 
 
-def _rigid_stage(run: Run, clip: Clip, grid: tuple[int, int], progress: bool) -> tuple[Pool, DecoMotion, float]:
+def _rigid_stage(run: Run, clip: Clip, grid: tuple[int, int], progress: bool) -> Run:
     """Fits the static volume alone, or goes on where that was interrupted.
 
-    Returns the pool and the model with which `run` begins, and the seconds that the stage had taken before.
+    Returns the run that follows, with what is left of the steps; `elapsed` is what the stage had taken before.
     """
     folder, config = run.folder / rigid.FOLDER, rigid.rigid_config(run.config)
     first = Run(folder, run.clip, config, _model(config, clip, run.pool, run.device, run.seed), run.pool, run.seed)
-    first.budget = run.budget.part(rigid.SHARE, run.elapsed)
     if (folder / checkpoint.FILE_NAME).is_file():
         saved = checkpoint.load(folder / checkpoint.FILE_NAME, run.device)
         first.model.load_state_dict(saved.model.state_dict())
         first.restore(saved.training)
+    first.budget = run.budget.part(rigid.SHARE, run.elapsed)
     before = first.elapsed
     with _says_how_to_resume(run.folder):
         first.loop(time.monotonic(), progress)
@@ -143,7 +146,9 @@ def _rigid_stage(run: Run, clip: Clip, grid: tuple[int, int], progress: bool) ->
     rigid.save_motion(run.folder, pool)
     model = _model(run.config, clip, pool, run.device, run.seed)
     model.load_state_dict(first.model.state_dict(), strict=False)  # the static volume goes on from there
-    return pool, model, before
+    begun = Run(run.folder, run.clip, run.config, model, pool, run.seed)
+    begun.budget, begun.elapsed = run.budget.after(first.step), before
+    return begun
 
 
 def _model(config: Config, clip: Clip, pool: Pool, device: torch.device, seed: int) -> DecoMotion:
@@ -154,7 +159,9 @@ def _model(config: Config, clip: Clip, pool: Pool, device: torch.device, seed: i
     return DecoMotion(config.model, plane, starts, pool.feature_size).to(device)
 
 
-def _resumed(folder: Path, clip: Clip, device: torch.device, progress: bool) -> Run:
+def _resumed(
+    folder: Path, clip: Clip, device: torch.device, steps: int | None, time_budget: float | None, progress: bool
+) -> Run:
     saved = checkpoint.load(folder / checkpoint.FILE_NAME, device)
     if saved.clip.digest != clip.digest():
         raise CheckpointError(
@@ -167,11 +174,16 @@ def _resumed(folder: Path, clip: Clip, device: torch.device, progress: bool) -> 
     pool = rigid.load_motion(folder, prepared.pool) if rigid_first and not in_rigid_stage else prepared.pool
     run = Run(folder, saved.clip, saved.config, saved.model, pool, seed)
     run.restore(saved.training)
+    if steps is not None or time_budget is not None:
+        run.budget = Budget(steps or saved.config.optim.steps, time_budget)
+        if rigid_first and not in_rigid_stage:
+            run.budget = run.budget.after(
+                checkpoint.load(folder / rigid.FOLDER / checkpoint.FILE_NAME).training["step"]
+            )
     if not in_rigid_stage:
         return run
-    pool, model, before = _rigid_stage(run, clip, prepared.grid, progress)
-    begun = Run(folder, saved.clip, saved.config, model, pool, seed)
-    begun.budget, begun.elapsed = run.budget, run.elapsed + before
+    begun = _rigid_stage(run, clip, prepared.grid, progress)
+    begun.elapsed += run.elapsed
     return begun
 
 

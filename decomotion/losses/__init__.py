@@ -25,6 +25,7 @@ from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
 from decomotion.rays import FAR, NEAR
+from decomotion.schedule import value_at
 
 Loss = Callable[[Prediction, Batch], Float[Tensor, ""]]
 
@@ -58,8 +59,13 @@ def applicable(weights: dict[str, float | Schedule], volumes: str) -> dict[str, 
     return {name: weight for name, weight in weights.items() if name not in LEFT_OUT[volumes]}
 
 
-def check_names(weights: dict[str, float | Schedule]) -> None:
-    """Raises `ConfigError` where the configuration weighs a loss that does not exist."""
+def check(weights: dict[str, float | Schedule], volumes: str) -> None:
+    """Raises `ConfigError` where the configuration weighs a loss that does not exist, or at some time weighs none."""
     for name in weights:
         if name not in LOSSES:
             raise ConfigError(f"loss.{name} is not a loss; there are {', '.join(LOSSES)}")
+    usable = applicable(weights, volumes).values()
+    turns = {turn for each in usable if isinstance(each, Schedule) for turn in (each.begin, each.end)}
+    for progress in sorted({0.0, *turns} - {1.0}):  # between two of these no weight falls to 0
+        if not any(value_at(weight, progress) > 0 for weight in usable):
+            raise ConfigError(f"no loss has a weight above 0 at {progress:.0%} of the run; give one of loss.* such")

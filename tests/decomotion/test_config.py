@@ -112,6 +112,12 @@ def test_an_override_leaves_the_rest():
         ("model.static.field.cells=3", "there is no key model.static.field.cells"),
         ("data.flow.intervals=[2, 4]", "data.flow.intervals: value error, gaps must be positive and one of them 1"),
         ("data.flow.intervals=[1, 0]", "data.flow.intervals: value error, gaps must be positive and one of them 1"),
+        ("model.static.directions=[]", "model.static.directions: tuple should have at least 1 item"),
+        ("model.static.directions=[[0, 0, 0]]", "model.static.directions: value error, a direction of zeros leads"),
+        ("model.static.conditioner.cells=[]", "cells: tuple should have at least 1 item"),
+        ("model.static.conditioner.cells=[2, 0]", "cells.1: input should be greater than or equal to 1"),
+        ("model.static.field.image_cells=[]", "image_cells: tuple should have at least 1 item"),
+        ("model.static.field.image_cells=[0]", "image_cells.0: input should be greater than or equal to 1"),
         ("loss.distortion=much", "loss.distortion"),
         ("loss.distortion={value: 1, to: 0, begin: 0, end: 2}", "end: input should be less than or equal to 1"),
     ],
@@ -162,6 +168,9 @@ def test_files_that_are_none(tmp_path: Path):
     (tmp_path / "broken.yaml").write_text("{")
     with pytest.raises(ConfigError, match="is not YAML"):
         load(file=tmp_path / "broken.yaml")
+    (tmp_path / "clip.mp4").write_bytes(b"\x00\x00\x00\x20ftyp\xff\xfe")
+    with pytest.raises(ConfigError, match="is not YAML"):
+        load(file=tmp_path / "clip.mp4")
 
 
 def test_an_unknown_preset_is_named():

@@ -12,7 +12,7 @@ from torch import Tensor
 from decomotion.config import PRESETS, load
 from decomotion.data.batch import Batch
 from decomotion.errors import ConfigError
-from decomotion.losses import LOSSES, check_names
+from decomotion.losses import LOSSES, check
 from decomotion.losses.depth_range import depth_range_loss
 from decomotion.losses.distortion import distortion_loss
 from decomotion.losses.feature import feature_loss
@@ -153,9 +153,9 @@ def test_every_preset_names_every_loss(preset: str):
 
 
 def test_an_unknown_loss_is_named():
-    check_names({"flow_fused": 1.0})
+    check({"flow_fused": 1.0}, "fused")
     with pytest.raises(ConfigError, match=r"loss\.flow_fussed is not a loss; .*flow_fused"):
-        check_names({"flow_fussed": 1.0})
+        check({"flow_fussed": 1.0}, "fused")
 
 
 def drawn(shape: tuple[int, ...], seed: int) -> Tensor:

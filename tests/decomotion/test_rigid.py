@@ -49,9 +49,11 @@ def test_the_square_is_what_a_rigid_scene_cannot_explain(run: Path):
 
 def test_the_static_volume_has_its_share_of_the_run(run: Path):
     alone = checkpoint.load(run / rigid.FOLDER / checkpoint.FILE_NAME)
+    whole = checkpoint.load(run / checkpoint.FILE_NAME)
     assert alone.training["step"] == round(rigid.SHARE * STEPS)
+    assert alone.training["step"] + whole.training["step"] == STEPS
     assert alone.config.model.volumes == "static"
-    assert checkpoint.load(run / checkpoint.FILE_NAME).config == config()
+    assert whole.config == config()
 
 
 def test_the_static_volume_alone_is_regularised_as_in_the_whole_run():
@@ -81,15 +83,24 @@ def test_an_interrupted_rigid_stage_goes_on(tmp_path: Path, caplog: pytest.LogCa
     for folder in (broken, early):
         fit(CLIP, folder, resume=True, progress=False)
         found = checkpoint.load(folder / checkpoint.FILE_NAME)
-        assert found.training["step"] == 10
+        assert found.training["step"] == 8
         assert (folder / rigid.FOLDER / rigid.MOTION).is_file()
         for name, value in expected.model.state_dict().items():
             assert torch.equal(value, found.model.state_dict()[name]), name
 
 
+def test_a_budget_given_on_resume_holds_in_the_stage_too(tmp_path: Path):
+    with interruption(0, ctrl_c), pytest.raises(KeyboardInterrupt):
+        fit(CLIP, tmp_path / "run", config=config(), steps=50, progress=False)
+    run = fit(CLIP, tmp_path / "run", resume=True, steps=15, progress=False)
+    steps = [checkpoint.load(run / part / checkpoint.FILE_NAME).training["step"] for part in (rigid.FOLDER, ".")]
+    assert steps == [3, 12]
+
+
 def test_a_resumed_run_has_the_same_masks(run: Path):
     before = (run / rigid.FOLDER / rigid.MOTION).read_bytes()
     fit(CLIP, run, resume=True, steps=STEPS + 1, progress=False)
+    assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] == STEPS + 1 - round(rigid.SHARE * STEPS)
     assert (run / rigid.FOLDER / rigid.MOTION).read_bytes() == before
     (run / rigid.FOLDER / rigid.MOTION).rename(run / "elsewhere.npz")
     with pytest.raises(CheckpointError, match=r"motion\.npz is missing"):

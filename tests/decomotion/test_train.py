@@ -115,6 +115,20 @@ class TestLearning:
             fit(CLIP, tmp_path / "run", config=config.model_copy(update={"loss": {"flow": 1.0}}), progress=False)
         assert not (tmp_path / "run").exists()
 
+    @pytest.mark.parametrize(
+        ("loss", "when"),
+        [
+            ({"flow_fused": 0.0}, "0%"),
+            ({"flow_fused": {"value": 1.0, "to": 0.0, "begin": 0.1, "end": 0.4}, "distortion": 0.0}, "40%"),
+            ({"flow_static": 1.0}, "0%"),
+        ],
+    )
+    def test_without_any_weight_it_stops_too(self, tmp_path: Path, loss: dict[str, object], when: str):
+        settings = tiny_config("omnimotion").model_dump(mode="json") | {"loss": loss}
+        with pytest.raises(ConfigError, match=f"no loss has a weight above 0 at {when} of the run"):
+            fit(CLIP, tmp_path / "run", config=parse(settings, "mine"), progress=False)
+        assert not (tmp_path / "run").exists()
+
 
 def assert_equal_bits(first: Path, second: Path) -> None:
     one, two = (torch.load(run / checkpoint.FILE_NAME, weights_only=True) for run in (first, second))
@@ -204,6 +218,19 @@ def test_another_clip_on_resume(tiny_run: Path):
         fit(sliding_square(5), tiny_run, resume=True, progress=False)
 
 
+def test_another_number_of_tracks_on_resume(tmp_path: Path):
+    file = tmp_path / "tracks.npz"
+
+    def write(count: int) -> None:
+        np.savez(file, tracks=np.full((count, FRAMES, 2), 9.0), occluded=np.zeros((count, FRAMES), bool))
+
+    write(2)
+    run = fit(CLIP, tmp_path / "run", config=tiny_config("cpu", f"data.tracks={file}"), steps=1, progress=False)
+    write(3)
+    with pytest.raises(CheckpointError, match="was fitted to 258 points a frame but its supervision now has 259; give"):
+        fit(CLIP, run, resume=True, steps=2, progress=False)
+
+
 def test_nothing_to_resume(tmp_path: Path):
     with pytest.raises(CheckpointError, match=r"checkpoint\.pt does not exist; train first"):
         fit(CLIP, tmp_path / "run", resume=True, progress=False)
@@ -277,6 +304,12 @@ class TestDevice:
     def test_unknown(self):
         with pytest.raises(ConfigError, match="--device gpu is not a device that torch knows"):
             choose_device("gpu")
+
+    @pytest.mark.parametrize("name", ["meta", "cuda:9", "mps", "xpu"])
+    def test_known_but_of_no_use(self, name: str, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+        with pytest.raises(ConfigError, match=f"--device {name} cannot be computed on here; use auto, cpu or cuda"):
+            choose_device(name)
 
     @pytest.mark.gpu
     def test_a_fit_on_the_gpu(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
