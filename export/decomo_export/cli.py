@@ -32,7 +32,11 @@ if TYPE_CHECKING:
     default="fp32",
     help="Of the weights in the file; int8 is for the wide layers of the paper preset.",
 )
-@click.option("--force", is_flag=True, help="Write the file even where its precision moves tracks by more than 0.5 px.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Write the file even where its precision moves tracks by more than 0.5 px, or it differs from torch.",
+)
 def command(model: Path, run: Path | None, bake: Bake, precision: Precision, force: bool) -> None:
     """Write MODEL.onnx from a run and compare it with torch.
 

@@ -24,6 +24,7 @@ from decomo_runtime import contract
 from decomotion import checkpoint
 from decomotion.checkpoint import Checkpoint
 from decomotion.files import replacing
+from decomotion.shots import runs_of_shots
 
 OCCLUSION_THRESHOLD = 0.5
 """The score is built so that 0.5 is the decision: see `ModelConfig.occlusion_scale`."""
@@ -59,20 +60,29 @@ def export(
         bake: what of each frame's visible surface is rendered now and kept as a table: nothing, its pseudo-depth, or
             its canonical coordinates (`baking.py`).
         precision: of the weights in the file (`precision.py`).
-        force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`.
+        force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`, or
+            from torch by more than `parity.LIMIT_PIXELS`.
 
-    Raises: `CheckpointError` where there is no run; `ExportError` where the file disagrees with torch, or with float32
-        by more than is allowed, in which case nothing is written.
+    Raises: `CheckpointError` where there is no run; `ExportError` where it is of several shots or was stopped before
+        its first step, or where the file disagrees with torch, or with float32 by more than is allowed, in which case
+        nothing is written.
     """
     folder = Path(run) if run is not None else checkpoint.latest_run()
+    if shots := runs_of_shots(folder):
+        raise ExportError(f"{folder} is of several shots; export one of {', '.join(map(str, shots))}")
     loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
+    if loaded.training["step"] == 0:
+        raise ExportError(
+            f"{folder} was stopped before its first step; go on with decomo-train --resume --out {folder}, then export"
+        )
     graph = QueryGraph(loaded.model.eval(), bake).eval()
     whole = _trace(graph)
-    parity = measure(graph, _on_demand(whole))
+    parity = measure(graph, _on_demand(whole), force)
     proto = reduce_precision(whole, precision)
     differs = Deviation(0.0, 0.0)
     if precision != "fp32":
-        differs = deviation(proto, whole, loaded.clip.num_frames, loaded.clip.width, loaded.clip.height)
+        clip = loaded.clip
+        differs = deviation(proto, whole, clip.num_frames, clip.width, clip.height, graph.bytes_per_ray)
     if not differs.p99 <= LIMIT_PIXELS and not force:
         raise ExportError(
             f"with {precision} weights, tracks differ from float32's by {differs.mean:.2g} px in the mean and "

@@ -19,9 +19,11 @@ from decomo_runtime import contract
 Precision = Literal["fp32", "fp16", "int8"]
 LIMIT_PIXELS = 0.5
 """99th percentile of the deviation from which on a file is refused."""
-FEWEST_INPUTS = 64
-"""Layers with fewer inputs are not worth quantising: converting costs more than multiplying."""
+NARROWEST = 64
+"""Layers with fewer inputs or outputs are not worth quantising: converting costs more than multiplying."""
 QUERIES = 256
+MEMORY = 2**28
+"""Bytes that a measurement of the deviation may work with, roughly."""
 SMALLEST = 4096
 """Bytes; smaller constants, all affine maps of short clips among them, stay as they are."""
 POSITIONS = ("to_first", "from_first", "lowest", "step")
@@ -40,7 +42,7 @@ def reduce_precision(proto: onnx.ModelProto, precision: Precision) -> onnx.Model
     """`proto` with its weights in `precision`; it must not yet have branches.
 
     fp16: large constants are stored as float16 and cast to float32, which a runtime does once, when it loads.
-    int8: products with constant matrices of at least `FEWEST_INPUTS` rows are quantised, dynamically.
+    int8: products with constant matrices of at least `NARROWEST` rows and columns are quantised, dynamically.
     """
     if precision == "fp16":
         return _in_float16(proto)
@@ -71,23 +73,26 @@ def _bytes(tensor: onnx.TensorProto) -> int:
 def _in_int8(proto: onnx.ModelProto) -> onnx.ModelProto:
     from onnxruntime.quantization import QuantType, quantize_dynamic
 
-    inputs = {tensor.name: tensor.dims[0] for tensor in proto.graph.initializer if len(tensor.dims) == 2}
-    products = [node for node in proto.graph.node if node.op_type in ("MatMul", "Gemm") and node.input[1] in inputs]
-    wide = [node for node in products if inputs[node.input[1]] >= FEWEST_INPUTS]
+    products = _without_gemm(proto)
+    for index, node in enumerate(products.graph.node):
+        node.name = f"node_{index}"
+    sides = {tensor.name: tensor.dims for tensor in products.graph.initializer if len(tensor.dims) == 2}
+    wide = [
+        node.name
+        for node in products.graph.node
+        if node.op_type == "MatMul" and node.input[1] in sides and min(sides[node.input[1]]) >= NARROWEST
+    ]
     if not wide:
         raise ExportError(
-            f"int8 would change nothing: it is for layers of {FEWEST_INPUTS} inputs or more, which this model does not "
-            "have; export with --precision fp16, or fp32"
+            f"int8 would change nothing: it is for layers of {NARROWEST} inputs and outputs or more, which this model "
+            "does not have; export with --precision fp16, or fp32"
         )
-    for index, node in enumerate(proto.graph.node):
-        node.name = f"node_{index}"
     level = logging.getLogger().level
     logging.getLogger().setLevel(logging.ERROR)  # it recommends a preprocessing that would add nothing
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "quantised.onnx"
-            names = [node.name for node in wide]
-            quantize_dynamic(proto, path, nodes_to_quantize=names, weight_type=QuantType.QInt8, per_channel=True)
+            quantize_dynamic(products, path, nodes_to_quantize=wide, weight_type=QuantType.QInt8, per_channel=True)
             reduced = onnx.load(path)
     finally:
         logging.getLogger().setLevel(level)
@@ -97,16 +102,53 @@ def _in_int8(proto: onnx.ModelProto) -> onnx.ModelProto:
     return reduced
 
 
+def _without_gemm(proto: onnx.ModelProto) -> onnx.ModelProto:
+    """A copy in which each Gemm with a constant matrix is a MatMul and an Add.
+
+    `quantize_dynamic` begins with the same, but loses the nodes' names and takes it that no matrix has two users.
+    """
+    model = onnx.ModelProto()
+    model.CopyFrom(proto)
+    graph, nodes = model.graph, []
+    weights = {tensor.name: tensor for tensor in graph.initializer}
+    for node in graph.node:
+        settings = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0}
+        settings |= {each.name: helper.get_attribute_value(each) for each in node.attribute}
+        turns = settings.pop("transB")
+        if node.op_type != "Gemm" or node.input[1] not in weights or settings != {"alpha": 1, "beta": 1, "transA": 0}:
+            nodes.append(node)
+            continue
+        weight, bias = node.input[1], list(node.input[2:])
+        if turns:
+            weight = f"{weight}_turned"
+            turned = numpy_helper.to_array(weights[node.input[1]]).T
+            weights.setdefault(weight, numpy_helper.from_array(np.ascontiguousarray(turned), weight))
+        product = f"{node.output[0]}_product" if bias else node.output[0]
+        nodes.append(helper.make_node("MatMul", [node.input[0], weight], [product]))
+        if bias:
+            nodes.append(helper.make_node("Add", [product, *bias], list(node.output)))
+    used = {name for node in nodes for name in node.input}
+    del graph.node[:], graph.initializer[:]
+    graph.node.extend(nodes)
+    graph.initializer.extend(tensor for name, tensor in weights.items() if name in used)
+    return model
+
+
 def deviation(
-    proto: onnx.ModelProto, reference: onnx.ModelProto, num_frames: int, width: int, height: int
+    proto: onnx.ModelProto, reference: onnx.ModelProto, num_frames: int, width: int, height: int, bytes_per_ray: int
 ) -> Deviation:
-    """How far the tracks of `proto` are from those of `reference`: `QUERIES` random queries in all frames."""
+    """How far the tracks of `proto` are from those of `reference`: `QUERIES` random queries in all frames.
+
+    So many frames are asked for at once as `MEMORY` has room for, `bytes_per_ray` being that of the graph.
+    """
     random = np.random.default_rng(0)
     place = random.uniform(-0.5, [width - 0.5, height - 0.5], (QUERIES, 2))
-    asked = {
-        contract.QUERIES: np.column_stack([random.integers(num_frames, size=QUERIES), place]).astype(np.float32),
-        contract.FRAMES: np.arange(num_frames),
-    }
-    tracks = [np.asarray(open_session(each).run([contract.TRACKS], asked)[0]) for each in (proto, reference)]
+    queries = np.column_stack([random.integers(num_frames, size=QUERIES), place]).astype(np.float32)
+    at_once = max(1, MEMORY // (QUERIES * bytes_per_ray))
+    parts = np.split(np.arange(num_frames), range(at_once, num_frames, at_once))
+    tracks = []
+    for session in map(open_session, (proto, reference)):
+        asked = ({contract.QUERIES: queries, contract.FRAMES: frames} for frames in parts)
+        tracks.append(np.concatenate([np.asarray(session.run([contract.TRACKS], part)[0]) for part in asked], axis=1))
     distance = np.linalg.norm(tracks[0] - tracks[1], axis=-1)
     return Deviation(float(distance.mean()), float(np.quantile(distance, 0.99)))

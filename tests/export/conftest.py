@@ -32,7 +32,7 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
     folder = tmp_path_factory.mktemp("paper")
     model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE), 0.05)
     config = load("paper", overrides=TINY_PAPER)
-    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {})
+    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {"step": 1})
     exported = export(folder / "model.onnx", folder, bake="none")
     return Export(exported.path, folder, "", "none")
 

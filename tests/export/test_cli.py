@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import decomo_eval.cli
 import decomo_runtime.cli
@@ -98,6 +99,18 @@ class TestRefused:
     def test_a_damaged_run(self, elsewhere: Path, capsys: pytest.CaptureFixture[str]):
         (elsewhere / checkpoint.FILE_NAME).write_bytes(b"half")
         assert "is damaged" in self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
+
+    def test_several_shots_at_once(self, elsewhere: Path):
+        shot = {"name": "shot-000", "begin": 0, "end": 8}
+        (elsewhere / "shots.json").write_text(json.dumps({"clip": "two", "num_frames": 8, "shots": [shot]}))
+        with pytest.raises(ExportError, match=r"is of several shots; export one of .*shot-000"):
+            exporter.export(elsewhere / "model.onnx", elsewhere)
+
+    def test_before_the_first_step(self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str]):
+        content = torch.load(networks.run / checkpoint.FILE_NAME, weights_only=True)
+        torch.save(content | {"training": {"step": 0}}, elsewhere / checkpoint.FILE_NAME)
+        said = self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
+        assert "was stopped before its first step; go on with decomo-train --resume" in said
 
     def test_a_graph_that_differs(
         self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -10,7 +10,9 @@ import torch
 
 from decomo_export import parity
 from decomo_export.errors import ExportError
+from decomo_export.graph import QueryGraph
 from decomo_runtime import contract
+from decomotion.geometry import ImagePlane
 from tiny_export import Export, random_queries
 
 SCORE_LIMIT = 1e-3
@@ -70,6 +72,34 @@ def test_measured_parity_is_within_the_limit(exported: Export):
 def test_a_file_that_disagrees_is_refused(fitted: Export, networks: Export):
     with pytest.raises(ExportError, match=r"differs from torch by .* px \(limit 0\.01\); nothing was written"):
         parity.measure(fitted.graph, networks.proto())
+
+
+def shifted(graph: QueryGraph, by: float) -> QueryGraph:
+    """A graph whose tracks lie elsewhere."""
+    moved = copy.deepcopy(graph)
+    forward = moved.forward
+    moved.forward = lambda *asked: (forward(*asked)[0] + by, *forward(*asked)[1:])  # type: ignore[method-assign]
+    return moved
+
+
+def test_a_larger_frame_has_a_larger_limit(networks: Export):
+    graph = shifted(networks.graph, 0.015)
+    with pytest.raises(ExportError, match=r"limit 0\.01\)"):
+        parity.measure(graph, networks.proto())
+    graph.model.plane = ImagePlane(512, 512)  # the same model, asked elsewhere
+    assert 0.01 < parity.measure(graph, networks.proto()).pixels < 0.02
+
+
+def test_by_force_what_disagrees_is_only_said(networks: Export, caplog: pytest.LogCaptureFixture):
+    graph = shifted(networks.graph, 3.0)
+    assert parity.measure(graph, networks.proto(), force=True).pixels == pytest.approx(3.0, abs=0.01)
+    assert "differs from torch by 3 px" in caplog.text
+
+
+def test_tracks_far_outside_the_image_are_not_compared():
+    plane = ImagePlane(24, 32)
+    xy = np.array([[0, 0], [-31, 55], [63, -31], [-33, 0], [65, 0], [0, 57], [0, -33], [np.nan, 0]], np.float32)
+    assert parity._far(xy, plane).tolist() == [False] * 3 + [True] * 4 + [False]
 
 
 def test_not_a_number_is_a_difference(networks: Export):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import onnx
@@ -10,8 +11,9 @@ import onnxruntime as ort
 import pytest
 from onnx import TensorProto
 
-from decomo_export import export, exporter
+from decomo_export import export, exporter, precision
 from decomo_export.errors import ExportError
+from decomo_export.parity import open_session
 from decomo_export.precision import Deviation, deviation, reduce_precision
 from decomo_runtime import Tracker, contract
 from tiny_export import Export, random_queries
@@ -48,31 +50,66 @@ def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path:
 
 
 def test_int8_needs_wide_layers(networks: Export):
-    with pytest.raises(ExportError, match="int8 would change nothing: it is for layers of 64 inputs or more"):
+    with pytest.raises(
+        ExportError, match="int8 would change nothing: it is for layers of 64 inputs and outputs"
+    ):
         reduce_precision(networks.proto(), "int8")
 
 
-def test_int8_quantises_a_wide_layer():
-    weights = np.random.default_rng(0).normal(size=(64, 8)).astype(np.float32)
+def test_int8_quantises_wide_layers_of_either_form():
+    """A MatMul, and a matrix that two Gemm share, as PyTorch's layers have it: rows are outputs."""
+    random = np.random.default_rng(0)
+    shapes = {"w": (64, 64), "v": (64, 64), "bias": (64,), "narrow": (8, 64)}
+    arrays = {name: random.normal(size=shape).astype(np.float32) / 8 for name, shape in shapes.items()}
+    make = onnx.helper.make_node
     graph = onnx.helper.make_graph(
-        [onnx.helper.make_node("MatMul", ["x", "w"], ["y"])],
+        [
+            make("MatMul", ["x", "w"], ["first"]),
+            make("Gemm", ["first", "v", "bias"], ["second"], transB=1),
+            make("Gemm", ["second", "v", "bias"], ["third"], transB=1),
+            make("Gemm", ["third", "narrow"], ["y"], transB=1),
+        ],
         "wide",
         [onnx.helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 64])],
         [onnx.helper.make_tensor_value_info("y", TensorProto.FLOAT, ["N", 8])],
-        [onnx.numpy_helper.from_array(weights, "w")],
+        [onnx.numpy_helper.from_array(array, name) for name, array in arrays.items()],
     )
     proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
     reduced = reduce_precision(proto, "int8")
-    assert "MatMulInteger" in {node.op_type for node in reduced.graph.node}
+    kinds = [node.op_type for node in reduced.graph.node]
+    assert (kinds.count("MatMulInteger"), kinds.count("MatMul"), kinds.count("Gemm")) == (3, 1, 0)
     assert {node.domain for node in reduced.graph.node} == {""}
     assert [opset.domain for opset in reduced.opset_import] == [""]
     x = np.random.default_rng(1).normal(size=(5, 64)).astype(np.float32)
     given = ort.InferenceSession(reduced.SerializeToString()).run(["y"], {"x": x})[0]
-    # each weight and each input is rounded to 1 of 255 steps, 64 such errors are added
-    np.testing.assert_allclose(given, x @ weights, atol=0.3)
-    assert np.abs(x @ weights).mean() > 5
+    hidden = x @ arrays["w"]
+    for _ in range(2):
+        hidden = hidden @ arrays["v"].T + arrays["bias"]
+    # each weight and each input is rounded to 1 of 255 steps, 64 such errors are added, three times
+    np.testing.assert_allclose(given, hidden @ arrays["narrow"].T, atol=0.15)
+    assert np.abs(hidden @ arrays["narrow"].T).mean() > 0.5
 
 
 def test_deviation_of_a_graph_from_itself(fitted: Export):
     proto = fitted.proto()
-    assert deviation(proto, proto, 8, 32, 32) == Deviation(0.0, 0.0)
+    assert deviation(proto, proto, 8, 32, 32, 2048) == Deviation(0.0, 0.0)
+
+
+def test_deviation_is_measured_in_bounded_memory(fitted: Export, canonical: Export, monkeypatch: pytest.MonkeyPatch):
+    both = fitted.proto(), canonical.proto()
+    whole, asked = deviation(*both, 8, 32, 32, 2048), []
+
+    def opened(proto: onnx.ModelProto) -> SimpleNamespace:
+        session = open_session(proto)
+
+        def run(names: list[str], feed: dict[str, np.ndarray]) -> object:
+            asked.append(len(feed[contract.FRAMES]))
+            return session.run(names, feed)
+
+        return SimpleNamespace(run=run)
+
+    monkeypatch.setattr(precision, "open_session", opened)
+    monkeypatch.setattr(precision, "MEMORY", 3 * precision.QUERIES * 2048)
+    parts = deviation(*both, 8, 32, 32, 2048)
+    assert asked == [3, 3, 2] * 2
+    assert (parts.mean, parts.p99) == pytest.approx((whole.mean, whole.p99), rel=1e-3)
