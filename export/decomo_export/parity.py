@@ -88,4 +88,4 @@ def measure(graph: QueryGraph, proto: onnx.ModelProto, force: bool = False) -> P
 def _far(xy: npt.NDArray[np.float32], plane: ImagePlane) -> npt.NDArray[np.bool_]:
     """Whether positions [..., 2] lie farther from the image than it is long; not what is not a number."""
     side = max(plane.height, plane.width)
-    return ((xy < -side) | (xy > np.array([plane.width, plane.height]) + side)).any(-1)
+    return np.asarray(((xy < -side) | (xy > np.array([plane.width, plane.height]) + side)).any(-1))

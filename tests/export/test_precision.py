@@ -50,9 +50,7 @@ def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path:
 
 
 def test_int8_needs_wide_layers(networks: Export):
-    with pytest.raises(
-        ExportError, match="int8 would change nothing: it is for layers of 64 inputs and outputs"
-    ):
+    with pytest.raises(ExportError, match="int8 would change nothing: it is for layers of 64 inputs and outputs"):
         reduce_precision(networks.proto(), "int8")
 
 
