@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval.dataset import Video, read_dataset
+from decomo_eval.errors import DatasetError
 from decomo_eval.sample import generate
+from decomotion.arrays import read_npz
 
 PROCEDURAL = "procedural"
 """In the place of a dataset's path: clips of `decomo-sample`, named `seed<number>`."""
@@ -44,11 +46,12 @@ def read_clips(
     if dataset == PROCEDURAL:
         return {name: _procedural(name) for name in names or [f"seed{seed}" for seed in UNSEEN_SEEDS]}
     videos = read_dataset(dataset)
-    unknown = [name for name in names or () if name not in videos]
+    chosen = names or list(videos)
+    unknown = [name for name in chosen if name not in videos]
     if unknown:
         raise click.UsageError(f"{dataset} has no clip {', '.join(unknown)}; it has {', '.join(videos)}")
-    masks = dict(np.load(object_masks)) if object_masks is not None else {}
-    return {name: BenchmarkClip(videos[name], masks.get(name)) for name in names or videos}
+    masks = read_npz(object_masks, DatasetError, chosen) if object_masks is not None else {}
+    return {name: BenchmarkClip(videos[name], masks.get(name)) for name in chosen}
 
 
 def _procedural(name: str) -> BenchmarkClip:

@@ -27,8 +27,9 @@ from decomotion.clip import Clip
 from decomotion.data.flow import Field, FlowEstimator
 from decomotion.data.flow.interface import kept, to_raster
 from decomotion.data.intervals import couples_of
-from decomotion.data.linking import cycle_error, sample
+from decomotion.data.linking import cycle_error
 from decomotion.data.matching import Matches, MatchStore
+from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_array
 from decomotion.images import filled
 
@@ -119,7 +120,7 @@ class FlowFields:
         """The flow from the first of `stops` to the last, from hop to hop."""
         chain, *hops = [self(here, there) for here, there in pairwise(stops)]
         for hop in hops:
-            chain = chain + sample(hop, _grid(chain) + chain)
+            chain = chain + bilinear(hop, _grid(chain) + chain)
         return chain
 
 

@@ -61,12 +61,7 @@ class Links:
 
 def cycle_error(xy: Field, there: Field, backward: Field) -> npt.NDArray[np.float32]:
     """Distance in pixels between `xy` and where `backward` leads from `there`. Shapes [..., 2]; result [...]."""
-    return np.linalg.norm(there + sample(backward, there) - xy, axis=-1)
-
-
-def sample(field: Field, xy: Field) -> Field:
-    """Bilinear look-up of `field` [h, w, c] at `xy` [source, point, 2], border values repeated."""
-    return bilinear(field, xy)
+    return np.linalg.norm(there + bilinear(backward, there) - xy, axis=-1)
 
 
 def outside(xy: Field, height: int, width: int) -> npt.NDArray[np.bool_]:
@@ -154,7 +149,7 @@ class _State:
 
 
 def _hop(state: _State, forward: Field, backward: Field, gap: int, cycle_threshold: float) -> _State:
-    there = state.xy + sample(forward, state.xy)
+    there = state.xy + bilinear(forward, state.xy)
     height, width = forward.shape[:2]
     gone = outside(there, height, width)
     units = cycle_error(state.xy, there, backward) * (256 / max(height, width))

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.arrays import read_npz
 from decomotion.clip import Clip
 from decomotion.errors import SupervisionError
 
 NAMES = ("tracks", "occluded", "queries", "confidence")
-UNREADABLE = (ValueError, OSError, EOFError, RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error)
-"""What numpy raises where a file is damaged, or none of its own."""
 QUERY_TOLERANCE = 0.05
 """Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
 
@@ -91,14 +87,7 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
 def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
     if not path.is_file():
         raise SupervisionError(f"{where} does not exist; give an .npz file")
-    try:
-        content = np.load(path, allow_pickle=False)
-        if not isinstance(content, np.lib.npyio.NpzFile):
-            raise ValueError("one array")
-        with content:
-            arrays = {name: content[name] for name in NAMES if name in content}
-    except UNREADABLE as error:
-        raise SupervisionError(f"{where} is not an .npz file of plain arrays; save it with numpy.savez") from error
+    arrays = read_npz(path, SupervisionError, NAMES, remedy="save it with numpy.savez")
     for name, array in arrays.items():
         if not (np.issubdtype(array.dtype, np.number) or array.dtype == np.bool_):
             raise SupervisionError(f"{where}: {name} holds {array.dtype}; it must hold numbers")

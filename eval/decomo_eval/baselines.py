@@ -137,7 +137,8 @@ def linked(
 
 def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> Tracked:
     """Tracks of queries [N, 3], (t, x, y) on the fields' raster, each frame reached in one hop."""
-    from decomotion.data.linking import cycle_error, sample
+    from decomotion.data.linking import cycle_error
+    from decomotion.data.sampling import bilinear
 
     frame = asked[:, 0].astype(int)
     xy = np.repeat(asked[:, None, 1:], fields.num_frames, axis=1)
@@ -147,7 +148,7 @@ def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> 
         here = asked[None, mine, 1:]
         for target in [target for target in range(fields.num_frames) if target != source]:
             forward = fields(source, target)
-            there = here + sample(forward, here)
+            there = here + bilinear(forward, here)
             error = cycle_error(here, there, fields(target, source)) * (256 / max(forward.shape[:2]))
             xy[mine, target], hidden[mine, target] = there[0], error[0] > threshold
     return xy, hidden

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval import safe_pickle
-from decomo_eval.arrays import read_npz
 from decomo_eval.errors import DatasetError
+from decomotion.arrays import read_npz
 from decomotion.clip import images_in
 from decomotion.images import png
 

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decomo_eval.arrays import read_npz
 from decomo_eval.dataset import Video
 from decomo_eval.errors import PredictionError
 from decomo_eval.layouts import Convention, Size, unpacked
 from decomo_eval.tapvid import RASTER_SIZE, Queries
+from decomotion.arrays import read_npz
 
 QUERY_TOLERANCE = 0.05
 """Raster pixels by which the x and y of a query may differ: above the rounding of float32 and of text files with two

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decomo_eval.arrays import npz_keys, read_npz
 from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
@@ -21,6 +20,7 @@ from decomo_eval.predictions import Prediction, check_answers, check_axes, from_
 from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
+from decomotion.arrays import npz_keys, read_npz
 
 logger = logging.getLogger(__name__)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
+from decomotion.arrays import read_npz
 from decomotion.files import replacing
 
 SUFFIXES = (".npz", ".csv")
@@ -63,11 +62,7 @@ class Tracks:
         """
         if Path(path).suffix.lower() == ".csv":
             return cls._read_csv(Path(path))
-        try:
-            with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as file:
-                arrays = dict(file)
-        except (EOFError, OSError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-            raise TracksFileError(f"{path} is not an npz file of tracks; write one with 'decomo-track'") from error
+        arrays = read_npz(Path(path), TracksFileError, remedy="write one with 'decomo-track'")
         missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
         if missing:
             raise TracksFileError(f"{path} lacks the arrays {', '.join(sorted(missing))}; write it with 'decomo-track'")

@@ -256,7 +256,7 @@ class TestFolder:
             (np.zeros((4, 4, 3)), r"must be float \[h, w, 2\]"),
             (np.zeros((4, 4, 2), int), r"must be float \[h, w, 2\]"),
             (np.full((4, 4, 2), np.nan), "not finite"),
-            (np.array([{}], object), "cannot be read or is damaged"),
+            (np.array([{}], object), "is damaged"),
         ],
     )
     def test_other_content_is_refused(self, folder: Path, field: np.ndarray, message: str):

@@ -16,7 +16,6 @@ from decomotion.data.linking import (
     cycle_error,
     link,
     outside,
-    sample,
 )
 
 FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
@@ -180,13 +179,6 @@ def test_cycle_error_by_hand():
     forward, backward = np.array([3, 4], np.float32), np.full((HEIGHT, WIDTH, 2), (-3, -2), np.float32)
     xy = np.array([[[10, 10], [20, 10]]], np.float32)
     np.testing.assert_allclose(cycle_error(xy, xy + forward, backward), [[2, 2]], atol=1e-5)
-
-
-def test_sample_is_bilinear_with_the_border_repeated():
-    field = np.array([[[0, 1], [2, 3]], [[4, 5], [6, 7]]], np.float32)
-    xy = np.array([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]], np.float32)
-    expected = [[[0, 1], [1, 2], [3, 4]], [[6, 7], [0, 1], [6, 7]]]
-    np.testing.assert_allclose(sample(field, xy), expected, atol=1e-6)
 
 
 def test_outside_begins_half_a_pixel_beyond_the_outermost_centres():

@@ -29,3 +29,10 @@ def test_more_points_than_a_row_of_opencv_s_may_have(shape: tuple[int, ...]):
         part = xy[:, first : first + 20_000].copy()
         alone = cv2.remap(image, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         np.testing.assert_array_equal(found[:, first : first + 20_000], alone.reshape(*part.shape[:-1], -1))
+
+
+def test_look_up_is_bilinear_with_the_border_repeated():
+    field = np.array([[[0, 1], [2, 3]], [[4, 5], [6, 7]]], np.float32)
+    xy = np.array([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]], np.float32)
+    expected = [[[0, 1], [1, 2], [3, 4]], [[6, 7], [0, 1], [6, 7]]]
+    np.testing.assert_allclose(bilinear(field, xy), expected, atol=1e-6)

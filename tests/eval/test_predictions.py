@@ -107,7 +107,7 @@ def test_tracks_of_some_frames_only_are_refused(
 
 
 def test_files_that_are_no_npz_are_refused(tmp_path: Path, left: tuple[Video, Queries]) -> None:
-    words = "cannot be read as an .npz of plain arrays"
+    words = "is not an .npz file of plain arrays"
     file = tmp_path / "left.npz"
     file.write_bytes(b"no archive")
     with pytest.raises(PredictionError, match=words):

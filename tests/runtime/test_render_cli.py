@@ -174,7 +174,7 @@ def test_the_clip_without_its_objects(
         (["--remove-objects", "--clip", "no"], "no does not exist"),
         (["--mark", "cross"], "--mark and --trails say how an --overlay is drawn"),
         (["--trails", "camera"], "--mark and --trails say how an --overlay is drawn"),
-        (["--overlay", "no.npz"], "no.npz is not an npz file of tracks"),
+        (["--overlay", "no.npz"], "no.npz is not an .npz file of plain arrays"),
         (["--overlay", "some.npz"], "some.npz lacks frame 0 of 6"),
         (["--out", "a.avi"], "--out a.avi must end in .mp4 or .webm or .mov"),
         (["--out", "slide"], "--out slide exists already"),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 
+from decomotion.arrays import read_npy
 from decomotion.config import FolderFlowConfig
 from decomotion.data.flow.interface import Field, Frame, kept, to_raster
 from decomotion.errors import SupervisionError
@@ -68,10 +68,7 @@ def _stem(pair: tuple[int, int]) -> str:
 
 def read_field(file: Path) -> Field:
     """The field [h, w, 2] of a `.npy` or `.flo` file; raises `SupervisionError` where it is none or not finite."""
-    try:
-        field = np.load(file, allow_pickle=False) if file.suffix == ".npy" else _read_flo(file)
-    except (ValueError, EOFError, OSError, SyntaxError, TokenError) as error:
-        raise SupervisionError(f"flow field {file} cannot be read or is damaged; replace it") from error
+    field = read_npy(file, SupervisionError) if file.suffix == ".npy" else _read_flo(file)
     if field.ndim != 3 or field.shape[2] != 2 or 0 in field.shape or not np.issubdtype(field.dtype, np.floating):
         raise SupervisionError(f"flow field {file} is {field.dtype} {list(field.shape)}; it must be float [h, w, 2]")
     if not np.isfinite(field).all():
@@ -80,8 +77,11 @@ def read_field(file: Path) -> Field:
 
 
 def _read_flo(file: Path) -> Field:
-    content = file.read_bytes()
-    if len(content) < 12 or np.frombuffer(content, "<f4", 1)[0] != np.float32(FLO_MAGIC):
-        raise ValueError("no .flo header")
-    width, height = (int(side) for side in np.frombuffer(content, "<i4", 2, 4))
-    return np.frombuffer(content, "<f4", offset=12).reshape(height, width, 2)
+    try:
+        content = file.read_bytes()
+        if len(content) < 12 or np.frombuffer(content, "<f4", 1)[0] != np.float32(FLO_MAGIC):
+            raise ValueError("no .flo header")
+        width, height = (int(side) for side in np.frombuffer(content, "<i4", 2, 4))
+        return np.frombuffer(content, "<f4", offset=12).reshape(height, width, 2)
+    except (ValueError, OSError) as error:
+        raise SupervisionError(f"{file} is not a .flo file, or is damaged ({error}); replace it") from error
