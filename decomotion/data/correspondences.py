@@ -24,6 +24,7 @@ from decomotion.data.flow import FlowEstimator
 from decomotion.data.intervals import choose_intervals, pairs_of
 from decomotion.data.matching import MatchStore
 from decomotion.data.pool import pack
+from decomotion.data.refinement import Refiner
 from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
 from decomotion.data.tracks import UserTracks
@@ -145,6 +146,7 @@ def _link(
                 step,
                 matches,
                 matches.intervals,
+                Refiner(clip) if matches.intervals else None,
             ):
                 in_pixels = (links.xy + 0.5) / shrink - 0.5
                 targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # it needs torch, which linking does not
 Field = npt.NDArray[np.float32]
 FieldLookup = Callable[[int, int], Field]
 MatchLookup = Callable[[int, int], "Matches"]
+RefineLookup = Callable[[int, int, Field, Field, tuple[int, ...]], Field]
 
 HOP_VARIANCE = 0.1**2
 """Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
@@ -79,6 +80,7 @@ def link(
     step: int,
     match: MatchLookup | None = None,
     match_intervals: tuple[int, ...] = (),
+    refine: RefineLookup | None = None,
 ) -> Iterator[Links]:
     """Carries the points of every frame through the clip in one direction.
 
@@ -91,6 +93,8 @@ def link(
         step: +1 to go forward in time, -1 backward.
         match: `match(i, j)` are the matches from frame i to frame j.
         match_intervals: the gaps for which `match` can be asked.
+        refine: `refine(i, j, xy, found, raster)` are better places in frame j of the points at `xy` in frame i than
+            those `found` by a match, all [point, 2] in pixels of the fields' raster (height, width).
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
@@ -112,7 +116,13 @@ def link(
                 continue
             start = reached[origin]
             start = start.keep(np.abs(start.sources - target) <= max_gap)
-            best = _better(best, _match_hop(start, match(origin, target), field(target, target - step).shape[:2]))
+            raster = field(target, target - step).shape[:2]
+            hop = _match_hop(start, match(origin, target), raster)
+            cheaper = _cheaper(best, hop)
+            if refine is not None:
+                seen = cheaper & ~hop.occluded
+                hop.xy[seen] = refine(origin, target, start.xy[seen], hop.xy[seen], raster)
+            best = _taken(best, hop, cheaper)
         own = _State(
             np.array([target]),
             points[target][None].astype(np.float32),
@@ -175,13 +185,23 @@ def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _Sta
 
 
 def _better(best: _State | None, other: _State) -> _State:
-    """Point by point the cheaper of two states; `other`, from a longer hop, may lack the latest sources."""
+    """Point by point the cheaper of two states."""
     if best is None:
         return other
+    return _taken(best, other, _cheaper(best, other))
+
+
+def _cheaper(best: _State, other: _State) -> npt.NDArray[np.bool_]:
+    """Which points of `other` cost less than in `best`; it may lack the latest sources."""
     count = len(other.sources)
-    cheaper = other.variance + OCCLUSION_COST * other.occluded < (
+    return other.variance + OCCLUSION_COST * other.occluded < (
         best.variance[:count] + OCCLUSION_COST * best.occluded[:count]
     )
+
+
+def _taken(best: _State, other: _State, cheaper: npt.NDArray[np.bool_]) -> _State:
+    """`best` with the points of `other` that are `cheaper`."""
+    count = len(other.sources)
     xy, variance, occluded = best.xy.copy(), best.variance.copy(), best.occluded.copy()
     xy[:count][cheaper] = other.xy[cheaper]
     variance[:count][cheaper] = other.variance[cheaper]

@@ -32,7 +32,7 @@ from decomotion.errors import SupervisionError
 
 log = logging.getLogger(__name__)
 
-VERSIONS = {"links": 7, "features": 1, "filter": 1, "motion": 3}
+VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 MIN_POINTS = 256

@@ -113,6 +113,30 @@ def test_a_match_leads_on_from_its_own_cell_and_only_where_flow_does_not() -> No
     assert_allclose(links.xy[0, [0, 1, 3]], [[12.0, 5.0], [5.0, 8.0], [25.0, 9.0]])
 
 
+def test_a_match_is_refined_where_it_is_taken_and_seen() -> None:
+    """Flow leads on from the second point; the third's match is not trusted, and the fourth's leaves the image."""
+    points = np.array([[4.0, 1.0], [25.0, 9.0], [13.0, 14.0], [1.0, 9.0]], np.float32)
+    displacement, trusted = np.full((4, 8, 2), 0.5, np.float32), np.ones((4, 8), bool)
+    trusted[3, 3] = False
+    displacement[2, 0] = (-1.0, 0.0)
+    asked = []
+
+    def flow(source: int, target: int) -> np.ndarray:
+        field = np.zeros((16, 32, 2), np.float32)
+        field[:, :16] = 3.0 if target > source else 4.0  # forward and back do not agree
+        return field
+
+    def refine(first: int, second: int, xy: np.ndarray, found: np.ndarray, raster: tuple[int, ...]) -> np.ndarray:
+        asked.append((first, second, xy.tolist(), raster))
+        return found + np.float32(0.25)
+
+    sources = np.stack([points, points])
+    matches = Matches(displacement, trusted)
+    (links,) = link(sources, flow, (1,), 1.0, 10, 1, lambda i, j: matches, match_intervals=(1,), refine=refine)
+    assert asked == [(0, 1, [[4.0, 1.0]], (16, 32))]
+    assert_allclose(links.xy[0, :2], [[6.25, 3.25], [25.0, 9.0]])
+
+
 @pytest.mark.parametrize(
     ("intervals", "neighbours", "gaps"), [((2,), True, [1, 2]), ((2,), False, [2]), ((), True, [])]
 )

@@ -1,0 +1,58 @@
+"""Refinement of matches: to a fraction of a pixel where there is texture, left alone where there is none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from decomotion.clip import Clip
+from decomotion.data.refinement import FARTHEST, Refiner
+
+SHIFT = np.array([9.3, -4.6], np.float32)
+HEIGHT, WIDTH = 96, 128
+
+
+def moved_texture(scale: int) -> Clip:
+    """Two frames of smooth noise, the second moved by SHIFT (for 128x96); a plain square is cut out of the middle."""
+    size = (WIDTH * scale, HEIGHT * scale)
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT // 3, WIDTH // 3), np.uint8)
+    image = cv2.resize(noise, size, interpolation=cv2.INTER_CUBIC)
+    image[40 * scale : 72 * scale, 48 * scale : 80 * scale] = 128
+    move = np.float32([[1, 0, SHIFT[0] * scale], [0, 1, SHIFT[1] * scale]])
+    frames = [image, cv2.warpAffine(image, move, size, flags=cv2.INTER_CUBIC)]
+    return Clip("noise", np.stack([np.repeat(frame[..., None], 3, axis=-1) for frame in frames]), 24.0)
+
+
+@pytest.mark.parametrize("scale", [1, 5])  # frames that are enlarged and frames that are reduced
+def test_what_has_texture_is_found_to_a_fraction_of_a_pixel(scale: int):
+    refine = Refiner(moved_texture(scale))
+    xy = np.array([[20, 30], [30.5, 70.25], [100, 50]], np.float32)
+    off = np.array([[0.8, -0.7], [-0.9, 0.5], [0.2, 1.0]], np.float32)
+    found = refine(0, 1, xy, xy + SHIFT + off, (HEIGHT, WIDTH))
+    np.testing.assert_allclose(found, xy + SHIFT, atol=0.06)
+    assert found.dtype == np.float32
+    back = refine(1, 0, xy + SHIFT, xy + off, (HEIGHT, WIDTH))
+    np.testing.assert_allclose(back, xy, atol=0.06)
+
+
+def test_positions_are_those_of_the_raster():
+    refine = Refiner(moved_texture(1))
+    xy, half = np.array([[20, 30]], np.float32), np.array([[9.75, 14.75]], np.float32)  # the same place
+    whole = refine(0, 1, xy, xy + SHIFT + 0.5, (HEIGHT, WIDTH))
+    coarse = refine(0, 1, half, half + (SHIFT + 0.5) / 2, (HEIGHT // 2, WIDTH // 2))
+    np.testing.assert_allclose((coarse + 0.5) * 2 - 0.5, whole, atol=1e-3)
+
+
+def test_what_has_none_or_leads_too_far_stays():
+    refine = Refiner(moved_texture(1))
+    xy = np.array([[64, 56], [20, 30], [20, 30], [-30, 4]], np.float32)
+    off = np.array([[0.5, 0.5], [20, 20], [2 * FARTHEST, 0], [0, 0]], np.float32)
+    found = refine(0, 1, xy, xy + SHIFT + off, (HEIGHT, WIDTH))
+    assert np.linalg.norm(found - (xy + SHIFT + off), axis=-1).max() <= FARTHEST * WIDTH / 256 + 1e-3
+    np.testing.assert_array_equal(found[0], (xy + SHIFT + off)[0])
+
+
+def test_no_points():
+    none = np.zeros((0, 2), np.float32)
+    assert Refiner(moved_texture(1))(0, 1, none, none, (HEIGHT, WIDTH)).shape == (0, 2)
