@@ -172,9 +172,10 @@ class GridConditioner(nn.Module):
         finest = self.basis[-1].shape[-2:]
         grids = code.new_zeros(())
         for mix, basis, bound in zip(self.mixing, self.basis, self.bounds, strict=True):
-            level = bound * torch.tanh(torch.einsum("fr,rchw->fchw", mix(code), basis) / bound)
+            mixed = (mix(code) @ basis.flatten(1)).unflatten(1, basis.shape[1:])
+            level = bound * torch.tanh(mixed / bound)
             if level.shape[-2:] != finest:
-                level = F.interpolate(level, size=finest, mode="bilinear", align_corners=True)
+                level = enlarged(level, finest)
             grids = grids + level
         return grids
 
@@ -213,6 +214,17 @@ class GridConditioner(nn.Module):
             align_corners=True,
         )[0]
         return values[0], values[1]
+
+
+def enlarged(grids: Float[Tensor, "*rest h w"], size: tuple[int, ...]) -> Float[Tensor, "*rest height width"]:
+    """Bilinear interpolation to `size`, corners on corners: as two products, a fraction of `F.interpolate`'s time."""
+    rows, columns = (
+        F.interpolate(
+            torch.eye(count, dtype=grids.dtype, device=grids.device)[None], size, mode="linear", align_corners=True
+        )[0]
+        for count, size in zip(grids.shape[-2:], size, strict=True)
+    )
+    return rows.T @ grids @ columns
 
 
 def spacing(half: Float[Tensor, "2"], grid: Float[Tensor, "*rest height width"]) -> float:

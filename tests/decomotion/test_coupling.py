@@ -13,6 +13,7 @@ from decomotion.model.coupling import (
     CouplingLayer,
     GridConditioner,
     MlpConditioner,
+    enlarged,
     grid_size,
 )
 from tiny_fit import randomised
@@ -215,3 +216,10 @@ def test_grids_are_read_bilinearly_and_constant_beyond():
 )
 def test_grid_size(half: tuple[float, float], cells: int, height_width: tuple[int, int]):
     assert grid_size(torch.tensor(half), cells) == height_width
+
+
+@pytest.mark.parametrize("size", [(4, 3), (7, 11), (10, 3)])
+def test_levels_are_enlarged_bilinearly_corners_on_corners(size: tuple[int, int]):
+    grids = torch.rand(5, 2, 4, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    expected = F.interpolate(grids, size=size, mode="bilinear", align_corners=True)
+    torch.testing.assert_close(enlarged(grids, size), expected)
