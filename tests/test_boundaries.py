@@ -21,6 +21,7 @@ PACKAGES = {
     "decomo_eval": ROOT / "eval" / "decomo_eval",
 }
 GROUND_FLOOR = [
+    "decomotion.arrays",
     "decomotion.__version__",
     "decomotion.clip",
     "decomotion.console",
@@ -36,7 +37,13 @@ MAY_IMPORT = {
     "decomo_runtime": ["decomo_runtime", *GROUND_FLOOR],
     "decomo_eval": ["decomo_eval", "decomo_runtime", *GROUND_FLOOR],
 }
-SUPERVISION = ["decomotion.config", "decomotion.data.flow", "decomotion.data.intervals", "decomotion.data.linking"]
+SUPERVISION = [
+    "decomotion.config",
+    "decomotion.data.flow",
+    "decomotion.data.intervals",
+    "decomotion.data.linking",
+    "decomotion.data.sampling",
+]
 FETCHED = {
     "decomo_eval.baselines": [*SUPERVISION, "decomotion.train.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
