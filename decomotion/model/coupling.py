@@ -220,9 +220,9 @@ def enlarged(grids: Float[Tensor, "*rest h w"], size: tuple[int, ...]) -> Float[
     """Bilinear interpolation to `size`, corners on corners: as two products, a fraction of `F.interpolate`'s time."""
     rows, columns = (
         F.interpolate(
-            torch.eye(count, dtype=grids.dtype, device=grids.device)[None], size, mode="linear", align_corners=True
+            torch.eye(before, dtype=grids.dtype, device=grids.device)[None], after, mode="linear", align_corners=True
         )[0]
-        for count, size in zip(grids.shape[-2:], size, strict=True)
+        for before, after in zip(grids.shape[-2:], size, strict=True)
     )
     return rows.T @ grids @ columns
 
