@@ -166,8 +166,8 @@ def main(
             flow, overrides = ESTIMATORS[estimator]
             if weights[flow] is not None:
                 overrides = (*overrides, f"data.flow.weights={json.dumps(weights[flow])}")
-            # every gap, whatever it costs: the figures of the estimators are to be compared
-            overrides = ("data.flow.intervals=[1, 2, 4, 8, 16]", *overrides)
+            # the preset's gaps, whatever they cost: the figures of the estimators are to be compared
+            overrides = ("data.flow.intervals=[1, 2, 4, 8]", *overrides)
             config = configuration.load("cpu", overrides=overrides, flow=flow).data
             for name in clips.split(",") if clips else videos:
                 file = out / f"{name}.{estimator}.json"
