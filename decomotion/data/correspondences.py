@@ -135,7 +135,7 @@ def _link(
     height, width = field(0, 1).shape[:2]
     shrink = np.array([width / clip.width, height / clip.height], np.float32)
     on_raster = (points + 0.5) * shrink - 0.5
-    refine = Refiner(clip) if matches.intervals else None
+    rematching = linking.Rematching(matches, matches.intervals, Refiner(clip)) if matches.intervals else None
     with tqdm(total=2 * len(clip), desc="link", disable=not progress, leave=False) as bar:
         for step in (1, -1):
             for links in linking.link(
@@ -145,9 +145,7 @@ def _link(
                 config.pool.cycle_threshold,
                 config.pool.max_gap,
                 step,
-                matches,
-                matches.intervals,
-                refine,
+                rematching,
             ):
                 in_pixels = (links.xy + 0.5) / shrink - 0.5
                 targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))

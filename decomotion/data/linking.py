@@ -46,6 +46,19 @@ OCCLUSION_COST = 10.0
 
 
 @dataclass(frozen=True)
+class Rematching:
+    """How points are found again by their looks where no hop by flow ends on a visible place."""
+
+    match: MatchLookup
+    """`match(i, j)` are the matches from frame i to frame j."""
+    intervals: tuple[int, ...]
+    """The gaps for which `match` can be asked."""
+    refine: RefineLookup | None = None
+    """`refine(i, j, xy, found, raster)` are better places in frame j of the points at `xy` in frame i than those
+    `found` by a match, all [point, 2] in pixels of the fields' raster (height, width)."""
+
+
+@dataclass(frozen=True)
 class Links:
     """Where the points of all source frames lie in one target frame. Axes: source frame, point."""
 
@@ -78,9 +91,7 @@ def link(
     cycle_threshold: float,
     max_gap: int,
     step: int,
-    match: MatchLookup | None = None,
-    match_intervals: tuple[int, ...] = (),
-    refine: RefineLookup | None = None,
+    rematching: Rematching | None = None,
 ) -> Iterator[Links]:
     """Carries the points of every frame through the clip in one direction.
 
@@ -91,38 +102,23 @@ def link(
         cycle_threshold: cycle error in units above which a hop ends on a hidden place.
         max_gap: longest gap between source and target.
         step: +1 to go forward in time, -1 backward.
-        match: `match(i, j)` are the matches from frame i to frame j.
-        match_intervals: the gaps for which `match` can be asked.
-        refine: `refine(i, j, xy, found, raster)` are better places in frame j of the points at `xy` in frame i than
-            those `found` by a match, all [point, 2] in pixels of the fields' raster (height, width).
+        rematching: beside flow, matches by appearance.
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
     frames = len(points)
     order = range(frames) if step > 0 else range(frames - 1, -1, -1)
+    longest = max(intervals + (rematching.intervals if rematching else ()))
     reached: dict[int, _State] = {}
     for target in order:
         best = None
-        for gap in sorted(intervals):
-            origin = target - gap * step
-            if origin not in reached or gap > max_gap:
-                continue
-            start = reached[origin]
-            start = start.keep(np.abs(start.sources - target) <= max_gap)
+        for origin, start in _starts(reached, target, intervals, max_gap, step):
+            gap = abs(target - origin)
             best = _better(best, _hop(start, field(origin, target), field(target, origin), gap, cycle_threshold))
-        for gap in sorted(match_intervals):
-            origin = target - gap * step
-            if match is None or best is None or origin not in reached or gap > max_gap:
-                continue
-            start = reached[origin]
-            start = start.keep(np.abs(start.sources - target) <= max_gap)
+        if best is not None and rematching is not None:
             raster = field(target, target - step).shape[:2]
-            hop = _match_hop(start, match(origin, target), raster)
-            cheaper = _cheaper(best, hop)
-            if refine is not None:
-                seen = cheaper & ~hop.occluded
-                hop.xy[seen] = refine(origin, target, start.xy[seen], hop.xy[seen], raster)
-            best = _taken(best, hop, cheaper)
+            for origin, start in _starts(reached, target, rematching.intervals, max_gap, step):
+                best = _found_again(best, start, origin, target, rematching, raster)
         own = _State(
             np.array([target]),
             points[target][None].astype(np.float32),
@@ -133,7 +129,7 @@ def link(
             yield Links(target, best.sources, best.xy, best.variance, best.occluded)
             own = best.joined(own)
         reached[target] = own
-        for origin in [frame for frame in reached if abs(frame - target) >= max(intervals + match_intervals)]:
+        for origin in [frame for frame in reached if abs(frame - target) >= longest]:
             del reached[origin]
 
 
@@ -158,6 +154,15 @@ class _State:
         )
 
 
+def _starts(
+    reached: dict[int, _State], target: int, intervals: tuple[int, ...], max_gap: int, step: int
+) -> Iterator[tuple[int, _State]]:
+    """The frames from which a hop over one of the gaps leads to the target, nearest first, with the points there."""
+    for origin in (target - gap * step for gap in sorted(intervals) if gap <= max_gap):
+        if origin in reached:
+            yield origin, reached[origin].keep(np.abs(reached[origin].sources - target) <= max_gap)
+
+
 def _hop(state: _State, forward: Field, backward: Field, gap: int, cycle_threshold: float) -> _State:
     there = state.xy + bilinear(forward, state.xy)
     height, width = forward.shape[:2]
@@ -171,6 +176,18 @@ def _hop(state: _State, forward: Field, backward: Field, gap: int, cycle_thresho
         variance.astype(np.float32),
         state.occluded | gone | (error > cycle_threshold),
     )
+
+
+def _found_again(
+    best: _State, start: _State, origin: int, target: int, rematching: Rematching, raster: tuple[int, ...]
+) -> _State:
+    """`best` with the points that a match from `start`, in frame `origin`, finds at less cost."""
+    hop = _match_hop(start, rematching.match(origin, target), raster)
+    cheaper = _cheaper(best, hop)
+    if rematching.refine is not None:
+        seen = cheaper & ~hop.occluded
+        hop.xy[seen] = rematching.refine(origin, target, start.xy[seen], hop.xy[seen], raster)
+    return _taken(best, hop, cheaper)
 
 
 def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _State:

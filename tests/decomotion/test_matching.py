@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from decomotion.clip import Clip
 from decomotion.config import MatchingConfig
-from decomotion.data.linking import link
+from decomotion.data.linking import Rematching, link
 from decomotion.data.matching import Matches, MatchStore, supporters
 
 HEIGHT, WIDTH = 96, 128
@@ -81,11 +81,8 @@ def test_a_point_hidden_longer_than_flow_reaches_is_found_again(step: int) -> No
         return np.full((16, 16, 2), 3.0 if target > source else 4.0, np.float32)  # forward and back do not agree
 
     shift = np.full((4, 4, 2), 0.5 * step, np.float32)
-    links = list(
-        link(
-            points, lost, (1,), 1.0, 10, step, lambda i, j: Matches(shift, np.ones((4, 4), bool)), match_intervals=(4,)
-        )
-    )
+    matches = Matches(shift, np.ones((4, 4), bool))
+    links = list(link(points, lost, (1,), 1.0, 10, step, Rematching(lambda i, j: matches, (4,))))
     last = links[-1]
     assert not last.occluded[0, 0]
     assert_allclose(last.xy[0, 0], [8 + 2 * step] * 2)
@@ -108,7 +105,8 @@ def test_a_match_leads_on_from_its_own_cell_and_only_where_flow_does_not() -> No
         return field
 
     sources = np.stack([points, points])
-    (links,) = link(sources, flow, (1,), 1.0, 10, 1, lambda i, j: Matches(displacement, trusted), match_intervals=(1,))
+    matches = Matches(displacement, trusted)
+    (links,) = link(sources, flow, (1,), 1.0, 10, 1, Rematching(lambda i, j: matches, (1,)))
     assert links.occluded[0].tolist() == [False, False, True, False]
     assert_allclose(links.xy[0, [0, 1, 3]], [[12.0, 5.0], [5.0, 8.0], [25.0, 9.0]])
 
@@ -132,7 +130,7 @@ def test_a_match_is_refined_where_it_is_taken_and_seen() -> None:
 
     sources = np.stack([points, points])
     matches = Matches(displacement, trusted)
-    (links,) = link(sources, flow, (1,), 1.0, 10, 1, lambda i, j: matches, match_intervals=(1,), refine=refine)
+    (links,) = link(sources, flow, (1,), 1.0, 10, 1, Rematching(lambda i, j: matches, (1,), refine))
     assert asked == [(0, 1, [[4.0, 1.0]], (16, 32))]
     assert_allclose(links.xy[0, :2], [[6.25, 3.25], [25.0, 9.0]])
 
