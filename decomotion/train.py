@@ -18,7 +18,7 @@ from decomotion.clip import Clip, read_clip
 from decomotion.config import Config
 from decomotion.config import load as load_config
 from decomotion.data.pool import Pool
-from decomotion.data.prepare import prepare_in_stages
+from decomotion.data.prepare import affordable, prepare_in_stages
 from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
@@ -50,7 +50,8 @@ def fit(
         out: the run's folder; default `runs/<clip name>`.
         config: the configuration; default: the `cpu` preset, or `paper` where there is a CUDA device.
         steps: number of optimisation steps; default: the configuration's.
-        time_budget: seconds that the whole call may take; the schedules are fitted to it. Excludes `steps`.
+        time_budget: seconds that the whole call may take; the schedules are fitted to it, and a short one thins the
+            gaps at which flow is computed (`decomotion.data.prepare.affordable`). Excludes `steps`.
         resume: continue the run in `out`, with its own configuration and seed, and its budget where none is given.
         rebuild_cache: prepare the supervision anew.
         seed: seed of everything random.
@@ -111,6 +112,9 @@ def _fresh(
     rebuild: bool,
     progress: bool,
 ) -> Run:
+    if budget.seconds is not None:
+        data = affordable(clip, config.data, budget.seconds, rebuild=rebuild)
+        config = config.model_copy(update={"data": data})  # in the run's own, so that it finds these links again
     prepared = prepare_in_stages(clip, config.data, rebuild=rebuild, progress=progress, device=str(device))
     pool, facts = prepared.pool, ClipFacts.of(clip)
     for former in ("previews", "tensorboard", rigid.FOLDER):

@@ -35,6 +35,8 @@ log = logging.getLogger(__name__)
 VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
+FIT_SHARE = 0.6
+"""Share of a fit's time that preparation should take at most."""
 MIN_POINTS = 256
 """Points a frame below which a pool is of no use."""
 
@@ -83,6 +85,17 @@ def prepare_in_stages(
     return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 
 
+def affordable(clip: Clip, config: DataConfig, seconds: float, *, rebuild: bool = False) -> DataConfig:
+    """`config` for a fit of so many seconds: with less of a budget where preparation would leave the fit too little.
+
+    Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt.
+    """
+    share = FIT_SHARE * seconds
+    if share >= config.prepare_budget or (not rebuild and _Work(clip, config, False, "cpu").links.finished):
+        return config
+    return config.model_copy(update={"prepare_budget": share})
+
+
 class _Work:
     """One clip and its settings: the stages, and what each is built from."""
 
@@ -95,7 +108,11 @@ class _Work:
 
     def check(self, rebuild: bool) -> None:
         """Reads all that the user gives and loads the networks that will be needed, before any long work."""
-        _ = self.given_masks, self.tracks, self.count
+        _ = self.given_masks, self.tracks
+        pool = self.config.pool
+        if self.count < pool.points_per_frame:
+            what = "%d MiB have room for %d of %d points a frame; for all of them raise data.pool.disk_limit"
+            log.warning(what, pool.disk_limit, self.count, pool.points_per_frame)
         if self.config.feature_weights is not None and not Path(self.config.feature_weights).is_file():
             raise SupervisionError(f"--feature-weights {self.config.feature_weights} does not exist")
         if rebuild or not self.links.finished:
@@ -134,13 +151,6 @@ class _Work:
             raise SupervisionError(
                 f"a pool of {self.config.pool.disk_limit} MiB is too small for {len(self.clip)} frames: {what} "
                 f"room for {max(0, limit)} points a frame; raise data.pool.disk_limit, or give fewer frames"
-            )
-        if limit < wanted:
-            log.warning(
-                "%d MiB have room for %d of %d points a frame; for all of them raise data.pool.disk_limit",
-                self.config.pool.disk_limit,
-                limit,
-                wanted,
             )
         return min(wanted, limit)
 

@@ -21,7 +21,7 @@ from decomotion.data.flow import Field, Frame
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.matching import MatchStore
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
-from decomotion.data.prepare import prepare, prepare_in_stages
+from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.errors import SupervisionError
 from tiny_fit import FRAMES, SIZE, TINY, TINY_CPU, on_square, sliding_square, true_target, write_frames
@@ -293,6 +293,14 @@ class TestCache:
         builds.clear()
         prepare(clip, settings.model_copy(update={"prepare_budget": 1000.0}), progress=False)
         assert builds == ["links", "motion"]
+
+    def test_a_short_fit_has_less_of_a_budget_unless_links_are_there(self, builds: list[str], clip: Clip):
+        settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
+        assert affordable(clip, settings, 600.0) is settings
+        assert affordable(clip, settings, 100.0).prepare_budget == 60.0
+        prepare(clip, settings, progress=False)
+        assert affordable(clip, settings, 100.0) is settings
+        assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 60.0
 
     def test_a_run_killed_in_its_trials_measures_them_anew(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
