@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
-FIT_SHARE = 0.6
+FIT_SHARE = 0.75
 """Share of a fit's time that preparation should take at most."""
 MIN_POINTS = 256
 """Points a frame below which a pool is of no use."""

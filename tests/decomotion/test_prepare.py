@@ -297,10 +297,10 @@ class TestCache:
     def test_a_short_fit_has_less_of_a_budget_unless_links_are_there(self, builds: list[str], clip: Clip):
         settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
         assert affordable(clip, settings, 600.0) is settings
-        assert affordable(clip, settings, 100.0).prepare_budget == 60.0
+        assert affordable(clip, settings, 100.0).prepare_budget == 75.0
         prepare(clip, settings, progress=False)
         assert affordable(clip, settings, 100.0) is settings
-        assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 60.0
+        assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 75.0
 
     def test_a_run_killed_in_its_trials_measures_them_anew(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch

@@ -216,8 +216,8 @@ def test_a_finished_run_resumed_stays_and_a_longer_one_goes_on(tmp_path: Path):
 def test_a_short_time_leaves_preparation_a_share_of_it(tmp_path: Path):
     config = tiny_config("cpu", "data.flow.intervals=geometric", "data.prepare_budget=180")
     run = fit(CLIP, tmp_path / "run", config=config, time_budget=1.0, rebuild_cache=True, progress=False)
-    assert checkpoint.load(run / checkpoint.FILE_NAME).config.data.prepare_budget == 0.6
-    assert yaml.safe_load((run / "config.yaml").read_text())["data"]["prepare_budget"] == 0.6
+    assert checkpoint.load(run / checkpoint.FILE_NAME).config.data.prepare_budget == 0.75
+    assert yaml.safe_load((run / "config.yaml").read_text())["data"]["prepare_budget"] == 0.75
 
 
 def test_another_clip_on_resume(tiny_run: Path):
