@@ -76,11 +76,9 @@ class DisFlowConfig(FlowConfig):
     descent_iterations: int = Field(ge=1)
     """Gradient descent iterations per patch."""
     refinement_iterations: int = Field(ge=0)
-    """Variational refinement iterations at each scale."""
+    """Variational refinement iterations."""
     gradient_weight: float = Field(10.0, ge=0)
-    """Weight of constant image gradients in it, whose weight of constant brightness is 5 (OpenCV's: 10)."""
-    polish_iterations: int = Field(0, ge=0)
-    """Iterations of a last variational refinement at the finest scale, smoother, with OpenCV's weight of gradients."""
+    """Weight of constant image gradients in the refinement, whose weight of constant brightness is 5 (OpenCV's: 10)."""
     guided: bool = True
     """Search a second time from matches or from the flow over shorter gaps, and keep what returns nearer."""
 

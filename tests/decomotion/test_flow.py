@@ -109,15 +109,6 @@ class TestDis:
         assert max(field.shape) == 48
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT * shrink, atol=0.02)
 
-    def test_the_last_refinement_smooths_the_frames_noise_away(self):
-        random = np.random.default_rng(0)
-        frames = [frame + random.normal(0, 4, frame.shape) for frame in shifted_texture(64, 96)]
-        noisy = [frame.clip(0, 255).astype(np.uint8) for frame in frames]
-        polished, not_polished = (
-            np.linalg.norm(DisFlow(dis(polish_iterations=count))(*noisy) - SHIFT, axis=-1).mean() for count in (10, 0)
-        )
-        assert polished < 0.7 * not_polished
-
     def test_frames_that_shrink_do_not_alias(self):
         """Fine texture at 96 of 320 pixels; every third or fourth pixel alone gives errors above half a pixel."""
         noise = cv2.GaussianBlur(np.random.default_rng(0).random((260, 340, 3)), (0, 0), 1)

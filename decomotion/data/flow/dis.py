@@ -11,9 +11,6 @@ import numpy.typing as npt
 from decomotion.config import DisFlowConfig
 from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, resized, to_raster
 
-POLISH_SMOOTHNESS = 40.0
-"""Weight of smoothness in the last refinement; OpenCV's, and that of the others, is 20."""
-
 
 class DisFlow:
     """DIS, run on enlarged frames down to its finest scale; see `FlowEstimator`.
@@ -27,7 +24,7 @@ class DisFlow:
     def __init__(self, config: DisFlowConfig) -> None:
         self._config = config
         self.guided, self.field_side = config.guided, config.field_side
-        # OpenCV's objects keep buffers, a start among them even for calls without: one of each kind a thread
+        # OpenCV's object keeps buffers, a start among them even for calls without: one of either kind a thread
         self._of_thread = threading.local()
 
     def __call__(
@@ -41,10 +38,7 @@ class DisFlow:
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side)
         begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
-        here, there = _grey(first, size), _grey(second, size)
-        flow = self._dis(guided=start is not None).calc(here, there, begin)  # type: ignore[call-overload]
-        if self._config.polish_iterations:
-            flow = self._polish().calc(here, there, flow)
+        flow = self._dis(guided=start is not None).calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
 
     def require(self, pairs: list[tuple[int, int]]) -> None:
@@ -61,14 +55,6 @@ class DisFlow:
             dis.setVariationalRefinementGamma(self._config.gradient_weight)
             setattr(self._of_thread, name, dis)
         return getattr(self._of_thread, name)
-
-    def _polish(self) -> cv2.VariationalRefinement:
-        if not hasattr(self._of_thread, "polish"):
-            polish = cv2.VariationalRefinement.create()
-            polish.setFixedPointIterations(self._config.polish_iterations)
-            polish.setAlpha(POLISH_SMOOTHNESS)
-            self._of_thread.polish = polish
-        return self._of_thread.polish
 
 
 def _grey(frame: Frame, size: Size) -> npt.NDArray[np.uint8]:
