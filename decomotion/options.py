@@ -101,8 +101,8 @@ SUPERVISION_OPTIONS = (
     click.option(
         "--prepare-budget",
         type=Duration(),
-        help="Time that preparation should take at most: thins the gaps at which flow is computed.  [default: the "
-        "preset's]",
+        help="Time that preparation should take at most, in a fit no more than three quarters of its --time-budget: "
+        "thins the gaps at which flow is computed.  [default: the preset's]",
     ),
 )
 
