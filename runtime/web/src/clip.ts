@@ -15,6 +15,7 @@ export class Clip {
   private readonly decoded = new Map<number, ImageBitmap>();
   private readonly underway = new Set<number>();
   private readonly room: number;
+  private closed = false;
 
   /** `load` fetches one encoded frame; `onFrame` hears that one is decoded. */
   constructor(
@@ -50,7 +51,7 @@ export class Clip {
     return new Clip(ordered.length, facts, async (frame) => ordered[frame] ?? first, onFrame, onError);
   }
 
-  /** The frame if it is decoded; if not, it will be, and so will those after it. */
+  /** The frame if it is decoded; if not, it will be, those after it next, and then the others that there is room for. */
   get(frame: number): ImageBitmap | undefined {
     for (let ahead = 0; ahead < Math.min(AHEAD, this.length); ahead++) void this.decode((frame + ahead) % this.length);
     const picture = this.decoded.get(frame);
@@ -69,6 +70,7 @@ export class Clip {
   }
 
   close(): void {
+    this.closed = true;
     for (const picture of this.decoded.values()) picture.close();
     this.decoded.clear();
   }
@@ -80,8 +82,18 @@ export class Clip {
       this.keep(frame, await this.read(frame));
       this.underway.delete(frame);
       this.onFrame();
+      this.readAhead(frame);
     } catch (error) {
       this.onError(error instanceof Error ? error : new Error(String(error))); // stays underway: said once
+    }
+  }
+
+  /** Decodes one more, the next after `frame` that is not, while none has to be dropped for it. */
+  private readAhead(frame: number): void {
+    if (this.closed || this.decoded.size + this.underway.size >= Math.min(this.room, this.length)) return;
+    for (let ahead = 1; ahead < this.length; ahead++) {
+      const next = (frame + ahead) % this.length;
+      if (!this.decoded.has(next) && !this.underway.has(next)) return void this.decode(next);
     }
   }
 

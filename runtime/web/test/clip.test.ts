@@ -1,0 +1,52 @@
+import { afterEach, describe, expect, it, vi } from "vitest";
+
+import { Clip } from "../src/clip";
+import type { ModelFacts } from "../src/model/facts";
+
+const SIDE = 4096;
+const ROOM = 12;
+
+afterEach(() => vi.unstubAllGlobals());
+
+/** A clip of so many frames of which each decodes at once, and the numbers of those asked for, in order. */
+function opened(length: number, side: number): { clip: Clip; asked: number[] } {
+  vi.stubGlobal("createImageBitmap", async () => ({ width: side, height: side, close: () => undefined }));
+  const asked: number[] = [];
+  const facts = { clipName: "slide", numFrames: length, width: side, height: side } as ModelFacts;
+  const load = async (frame: number): Promise<Blob> => {
+    asked.push(frame);
+    return new Blob();
+  };
+  const fail = (error: Error): never => {
+    throw error;
+  };
+  return { clip: new Clip(length, facts, load, () => undefined, fail), asked };
+}
+
+const settled = (): Promise<void> => new Promise((done) => setTimeout(done, 20));
+
+describe("frames of a clip", () => {
+  it("come all, once, with the first that is shown, it and those after it before the others", async () => {
+    const { clip, asked } = opened(40, 16);
+    expect(clip.get(30)).toBeUndefined();
+    await settled();
+    expect(asked.slice(0, 6)).toEqual([30, 31, 32, 33, 34, 35]);
+    expect([...asked].sort((a, b) => a - b)).toEqual([...Array(40).keys()]);
+    expect(clip.get(3)).toBeDefined();
+  });
+
+  it("are read ahead no farther than there is room", async () => {
+    const { clip, asked } = opened(40, SIDE);
+    clip.get(0);
+    await settled();
+    expect(asked).toHaveLength(ROOM);
+  });
+
+  it("are read no more once it is closed", async () => {
+    const { clip, asked } = opened(40, 16);
+    clip.get(0);
+    clip.close();
+    await settled();
+    expect(asked).toHaveLength(6);
+  });
+});
