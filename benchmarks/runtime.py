@@ -1,6 +1,6 @@
 """How fast an exported model answers: ratios to torch and to OmniMotion's way of asking, all measured in one run.
 
-    python benchmarks/runtime.py RUN [--bake none,depth,full] [--queries 1,64,4096] [--threads 2] [--json FILE]
+    python benchmarks/runtime.py RUN [--bake none,depth,full] [--precision fp32] [--queries 1,64,4096] [--json FILE]
 
 RUN is a run folder of `decomo-train`. It is exported once for each bake; all answers are positions and occlusion in
 32 frames, or of a whole frame in one other frame. Times are the best of `--repeats`. Rows:
@@ -24,6 +24,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import torch
@@ -33,6 +34,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from decomo_export import export
 from decomo_export.baking import Bake
 from decomo_export.graph import QueryGraph
+from decomo_export.precision import Precision
 from decomo_runtime import Tracker
 from decomotion import checkpoint
 from decomotion.compositing import composite
@@ -111,12 +113,19 @@ def child(code: str, path: Path, threads: int) -> list[float]:
     return [float(word) for word in subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()]
 
 
-def measure_bake(folder: Path, run: Path, bake: Bake, counts: list[int], repeats: int, threads: int) -> Record:
-    """All figures of one bake."""
+def measure_bake(
+    folder: Path, run: Path, bake: Bake, precision: Precision, counts: list[int], repeats: int, threads: int
+) -> Record:
+    """All figures of one bake; `p99_pixels` is the file's distance from float32's tracks."""
     path = folder / f"{bake}.onnx"
     begin = time.perf_counter()
-    exported = export(path, run, bake=bake)
-    record: Record = {"export_seconds": time.perf_counter() - begin, "mib": exported.bytes / 2**20}
+    exported = export(path, run, bake=bake, precision=precision, force=True)
+    record: Record = {
+        "export_seconds": time.perf_counter() - begin,
+        "mib": exported.bytes / 2**20,
+        "mean_pixels": exported.deviation.mean,
+        "p99_pixels": exported.deviation.p99,
+    }
     tracker = Tracker(path, threads=threads)
     graph = QueryGraph(checkpoint.load(run / checkpoint.FILE_NAME).model.eval(), bake).eval()
     frames = np.arange(min(32, tracker.num_frames))
@@ -154,6 +163,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path)
     parser.add_argument("--bake", default="none,depth,full")
+    parser.add_argument("--precision", choices=get_args(Precision), default="fp32", help="of the files' weights")
     parser.add_argument("--queries", default="1,64,4096")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--threads", type=int, default=2)
@@ -165,11 +175,14 @@ def main() -> None:
     record: Record = {
         **provenance(),
         "threads": arguments.threads,
+        "precision": arguments.precision,
         "fp32_matrix_gflop_per_second": matrix_rate(arguments.repeats) / 1e9,
     }
     with tempfile.TemporaryDirectory() as folder:
         for bake in arguments.bake.split(","):
-            record[bake] = measure_bake(Path(folder), arguments.run, bake, counts, arguments.repeats, arguments.threads)
+            record[bake] = measure_bake(
+                Path(folder), arguments.run, bake, arguments.precision, counts, arguments.repeats, arguments.threads
+            )
         tracker = Tracker(Path(folder) / f"{arguments.bake.split(',')[0]}.onnx")
         queries = torch.from_numpy(random_queries(tracker, max(counts)))
         frames = torch.arange(min(32, tracker.num_frames))
