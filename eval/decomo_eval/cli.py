@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.names import BASELINES, FLOWS
+from decomo_eval.names import BASELINES, FLOWS, ORIGINAL, RESOLUTIONS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 
@@ -41,10 +41,15 @@ def cli() -> None:
 @click.option(
     "--baseline",
     type=click.Choice(BASELINES),
-    help="Track by optical flow alone: chained, direct from the query, or over several gaps.",
+    help="Track by optical flow alone: chained, direct from the query, or over several gaps. Needs '.[train]'.",
 )
-@click.option("--flow", type=click.Choice(FLOWS), default=FLOWS[0], help="Of --baseline; RAFT needs torch.")
+@click.option("--flow", type=click.Choice(FLOWS), default=FLOWS[0], help="Of --baseline.")
 @click.option("--flow-weights", metavar="FILE", help="RAFT's.  [default: torchvision's, by download]")
+@click.option(
+    "--resolution",
+    type=click.Choice(RESOLUTIONS),
+    help="Of the frames that --baseline sees, as stored or brought to TAP-Vid's 256x256.  [default: original]",
+)
 @click.option(
     "--query-mode",
     type=click.Choice(QUERY_MODES),
@@ -56,7 +61,7 @@ def cli() -> None:
     "--object-masks",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help=".npz of masks [T, H, W] by video: scores what moves apart.",
+    help=".npz of masks [T, H, W] by video: --json and --report have what moves apart.",
 )
 @click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path), help="Write all metrics there.")
 @click.option(
@@ -87,6 +92,7 @@ def tapvid(
     baseline: str | None,
     flow: str,
     flow_weights: str | None,
+    resolution: str | None,
     query_mode: str,
     videos: str | None,
     object_masks: Path | None,
@@ -102,6 +108,8 @@ def tapvid(
     from decomotion.files import replacing
 
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
+    if resolution is not None and baseline is None:
+        raise click.UsageError("--resolution is for --baseline; files say themselves what they were tracked at")
     tracker = None
     if baseline is not None:
         from decomo_eval.baselines import FlowBaseline
@@ -132,6 +140,7 @@ def tapvid(
             query_mode,
             names,
             tracker=tracker,
+            resolution=resolution or ORIGINAL,
             object_masks=object_masks,
             watch=lambda scored: [look(scored) for look in watching],
         )

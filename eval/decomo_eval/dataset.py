@@ -7,8 +7,9 @@ next: one shard, or one video, is in memory at a time.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ import numpy.typing as npt
 
 from decomo_eval import safe_pickle
 from decomo_eval.errors import DatasetError
+from decomo_eval.names import ORIGINAL, RESOLUTIONS
+from decomo_runtime.layouts import RASTER_SIZE
 from decomotion.arrays import read_npz
 from decomotion.clip import images_in
 from decomotion.images import png
@@ -35,12 +38,14 @@ class Video:
     stored: npt.NDArray[np.uint8] | Sequence[bytes]
     """uint8 [T, H, W, 3], or T JPEG or PNG files."""
     height: int
-    """Of the stored frames."""
+    """Of `frames`, as is `width`: the stored frames' own, unless `resized`."""
     width: int
     points: npt.NDArray[np.float64]
     """[N, T, 2], (x, y) as fractions of width and height, 0..1 from edge to edge of the image."""
     occluded: npt.NDArray[np.bool_]
     """[N, T]; where True, the point's position means nothing."""
+    resized: bool = False
+    """Whether `frames` are the stored ones brought to another size."""
 
     @property
     def num_frames(self) -> int:
@@ -49,26 +54,52 @@ class Video:
 
     def frames(self) -> npt.NDArray[np.uint8]:
         """The frames, RGB uint8 [T, H, W, 3]."""
-        if isinstance(self.stored, np.ndarray):
-            return self.stored
-        frames = [_decode(self.name, index, content) for index, content in enumerate(self.stored)]
+        frames = self.stored if isinstance(self.stored, np.ndarray) else self._decoded(self.stored)
+        if not self.resized:
+            return frames
+        size = self.width, self.height
+        resized = np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames])
+        return resized.astype(np.uint8, copy=False)
+
+    def at(self, height: int, width: int) -> Video:
+        """The same video with frames of that size; where they shrink, pixels are averages."""
+        if (height, width) == (self.height, self.width):
+            return self
+        return replace(self, height=height, width=width, resized=True)
+
+    def digest(self) -> str:
+        """Of the stored frames and the size that they are brought to: 16 hexadecimal digits."""
+        content = hashlib.sha256(f"{self.num_frames} {self.height} {self.width}".encode())
+        for frame in self.stored:
+            content.update(frame.tobytes() if isinstance(frame, np.ndarray) else frame)
+        return content.hexdigest()[:16]
+
+    def _decoded(self, stored: Sequence[bytes]) -> npt.NDArray[np.uint8]:
+        frames = [_decode(self.name, index, content) for index, content in enumerate(stored)]
         for index, frame in enumerate(frames):
             if frame.shape != frames[0].shape:
                 raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
         return np.stack(frames)
 
 
-def read_dataset(path: str | Path) -> Mapping[str, Video]:
+def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, Video]:
     """Opens a dataset; videos by name, in the file's order, shards and files in alphabetic order.
 
     Args:
         path: a TAP-Vid pickle (numpy 1 or 2), a folder of such (`*.pkl`: the shards of TAP-Vid-Kinetics, the splits
             of RoboTAP), or a folder of `<video>.npz` with `tracks` and `occluded` beside `<video>/` with its frames.
+        resolution: `original`, frames as they are stored, or `256x256`, brought to that size: TAP-Vid's categories.
 
     Nothing in a file is executed. Only the first frame of each video is decoded here, for its size. Raises
     `DatasetError`; of videos in folders when they are asked for.
     """
-    path = Path(path)
+    if resolution not in RESOLUTIONS:
+        raise DatasetError(f"there is no resolution {resolution}; choose of {', '.join(RESOLUTIONS)}")
+    stored = _read_stored(Path(path))
+    return stored if resolution == ORIGINAL else ResizedDataset(stored, RASTER_SIZE, RASTER_SIZE)
+
+
+def _read_stored(path: Path) -> Mapping[str, Video]:
     if not path.is_dir():
         return {name: _read_video(path, name, entry) for name, entry in _entries(path).items()}
     if shards := _files(path, ".pkl"):
@@ -138,6 +169,22 @@ class FolderDataset(Mapping[str, Video]):
 
     def __len__(self) -> int:
         return len(self._files)
+
+
+class ResizedDataset(Mapping[str, Video]):
+    """A dataset's videos with frames of another size."""
+
+    def __init__(self, stored: Mapping[str, Video], height: int, width: int) -> None:
+        self._stored, self._size = stored, (height, width)
+
+    def __getitem__(self, name: str) -> Video:
+        return self._stored[name].at(*self._size)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._stored)
+
+    def __len__(self) -> int:
+        return len(self._stored)
 
 
 def _files(folder: Path, suffix: str) -> list[Path]:

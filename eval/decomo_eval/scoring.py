@@ -16,6 +16,7 @@ from decomo_eval.bootstrap import mean_interval
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
 from decomo_eval.measure import score
+from decomo_eval.names import ORIGINAL, STANDARD
 from decomo_eval.predictions import Prediction, check_answers, check_axes, from_model, from_npz
 from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
@@ -25,9 +26,6 @@ from decomotion.arrays import npz_keys, read_npz
 logger = logging.getLogger(__name__)
 
 Tracker = Callable[[Video, Queries], Prediction]
-
-STANDARD, ORIGINAL = f"{RASTER_SIZE}x{RASTER_SIZE}", "original"
-"""TAP-Vid's categories: what the tracker worked on. Scores are measured on the 256x256 raster in both."""
 
 Metrics = Mapping[str, float]
 
@@ -98,6 +96,7 @@ def evaluate(
     videos: Sequence[str] | None = None,
     *,
     tracker: Tracker | None = None,
+    resolution: str = ORIGINAL,
     object_masks: str | Path | None = None,
     watch: Callable[[Scored], object] | None = None,
 ) -> Report:
@@ -108,6 +107,7 @@ def evaluate(
         models: folder of `<video>.onnx`, asked through `decomo_runtime`; or
         predictions: folder of `<video>.npz` from any tracker (`predictions.py`, `layouts.py`); or
         tracker: called as `tracker(video, queries)`, for instance `baselines.FlowBaseline("chain")`.
+        resolution: of the videos that `tracker` is given (`dataset.read_dataset`); files say for themselves.
         query_mode: `strided` or `first`.
         videos: names of the videos to score, each of which must have its file; by default all that have one.
         object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
@@ -117,7 +117,7 @@ def evaluate(
     """
     check_query_mode(query_mode)
     name_of_tracker, answers = _source(models, predictions, tracker)
-    known = read_dataset(dataset)
+    known = read_dataset(dataset, resolution)
     asked = _select(known, videos, dataset)
     missing: tuple[str, ...] = ()
     if isinstance(answers, _Folder):
@@ -129,13 +129,17 @@ def evaluate(
     scores: dict[str, Metrics] = {}
     splits: dict[str, Mapping[str, Metrics]] = {}
     resolutions: dict[str, str] = {}
+    in_both = False
     for number, name in enumerate(present, start=1):
         video = known[name]
         queries = sample_queries(video, query_mode)
         prediction = answers(video, queries)
         if len(queries.points):  # without any, a file does not tell what it was tracked at
-            resolutions.setdefault(STANDARD if prediction.size == (RASTER_SIZE, RASTER_SIZE) else ORIGINAL, name)
-            _check_one_category(resolutions)
+            if category := _category(prediction, video):
+                resolutions.setdefault(category, name)
+                _check_one_category(resolutions)
+            else:
+                in_both = True
         scores[name] = score(queries, prediction, query_mode)
         objects = None if masks is None or name in without_masks else masks.of(name)
         splits[name] = score_splits(queries, prediction, query_mode, objects)
@@ -150,7 +154,7 @@ def evaluate(
         dataset=str(dataset),
         query_mode=query_mode,
         tracker=name_of_tracker,
-        resolution=next(iter(resolutions), ORIGINAL),
+        resolution=next(iter(resolutions), STANDARD if in_both else ORIGINAL),
         videos=scores,
         mean=_mean_over_videos(list(scores.values())),
         interval={name: mean_interval([m[name] for m in scores.values()]) for name in next(iter(scores.values()))},
@@ -234,6 +238,14 @@ class _Masks:
         if len(absent) == len(names):
             raise DatasetError(f"{self.path} has masks of {', '.join(known)}, but of no video that is scored")
         return absent
+
+
+def _category(prediction: Prediction, video: Video) -> str | None:
+    """None where it is in both: stored at 256x256, and tracked so."""
+    if prediction.size != (RASTER_SIZE, RASTER_SIZE):
+        return ORIGINAL
+    stored_so = (video.width, video.height) == prediction.size and not video.resized
+    return None if stored_so else STANDARD
 
 
 def _check_one_category(resolutions: Mapping[str, str]) -> None:

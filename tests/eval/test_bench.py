@@ -26,8 +26,9 @@ from decomo_eval.bench.cli import main
 from decomo_eval.bench.cluster import ENVIRONMENT
 from decomo_eval.bench.engine import Room, run_tasks
 from decomo_eval.bench.task import COMMANDS
-from decomo_eval.dataset import read_dataset
+from decomo_eval.dataset import Video, read_dataset, write_frames
 from decomo_eval.errors import PredictionError
+from decomotion.clip import read_clip
 
 TRAIN = """
 import json, os, pathlib, signal, sys, time
@@ -167,6 +168,54 @@ def test_a_failing_video_is_given_up_and_the_others_go_on(bench: Bench, capsys: 
     Path("plan/left").unlink()
     assert bench() == 0  # the same command: only what failed
     assert (calls("left"), calls("right")) == (4, 1)
+
+
+def test_a_video_asked_for_that_fails_is_missing_in_the_report(bench: Bench) -> None:
+    Path("plan/left").write_text("fails")
+    assert bench("--attempts", "1", "--videos", "left,right") == 1
+    assert json.loads(Path("out/report/scores.json").read_text())["missing"] == ["left"]
+
+
+def test_a_model_of_other_frames_is_not_scored(
+    bench: Bench, dataset: Path, dataset_content: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A dataset was made anew under its old name: `left` is another video now."""
+    assert bench() == 0
+    dataset_content["left"]["video"][3] += 1
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    assert bench() == 1
+    assert "left.onnx was fitted to other frames than the dataset's; move it away" in capsys.readouterr().err
+    scores = json.loads(Path("out/report/scores.json").read_text())
+    assert (list(scores["videos"]), scores["missing"]) == (["right"], ["left"])
+    assert (calls("left"), calls("right")) == (1, 1)
+    Path("out/models/left.onnx").unlink()
+    assert bench() == 0
+    assert (calls("left"), calls("right")) == (2, 1)
+
+
+def test_a_disk_s_error_costs_one_video(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(video: Video, folder: Path) -> Path:
+        if video.name == "left":
+            raise OSError("no space left on device")
+        return write_frames(video, folder)
+
+    monkeypatch.setattr(task, "write_frames", full)
+    assert bench() == 1
+    (failed,) = json.loads(Path("out/summary.json").read_text())["failed"]
+    assert failed["error"] == "no space left on device"
+    assert (calls("left"), calls("right")) == (0, 1)
+
+
+def test_frames_are_fitted_at_the_resolution_asked_for(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    """A fit that fails leaves its frames."""
+    Path("plan/left").write_text("fails")
+    only = ("--videos", "left", "--attempts", "1")
+    assert bench(*only, "--resolution", "256x256") == 1
+    assert read_clip("out/videos/left/frames/left").frames.shape == (11, 256, 256, 3)
+    Path("plan/left").unlink()
+    assert bench(*only, "--resolution", "256x256") == 0
+    assert bench(*only) == 2
+    assert "out was made with another resolution; give another --out" in capsys.readouterr().err
 
 
 def test_all_may_fail(bench: Bench) -> None:

@@ -137,6 +137,11 @@ def test_a_baseline_needs_no_files_and_its_name_is_kept(
     assert main(["tapvid", str(dataset), "--baseline", "direct", "--videos", "left", "--json", str(out)]) == 0
     written = json.loads(out.read_text())
     assert (written["tracker"], written["resolution"]) == ("direct-dis", "original")
+    small = ["--resolution", "256x256"]
+    assert main(["tapvid", str(dataset), "--baseline", "direct", *small, "--videos", "left", "--json", str(out)]) == 0
+    assert json.loads(out.read_text())["resolution"] == "256x256"
+    assert main(["tapvid", str(dataset), "--models", "models", *small]) == 2
+    assert "--resolution is for --baseline" in capsys.readouterr().err
     assert main(["tapvid", str(dataset), "--baseline", "direct", "--flow-weights", "w.pth"]) == 2
     assert "dis has no weights" in capsys.readouterr().err
 

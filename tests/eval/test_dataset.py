@@ -40,6 +40,29 @@ def test_a_dict_keeps_names_and_order(read: Callable[..., Any], dataset_content:
     np.testing.assert_array_equal(left.occluded, dataset_content["left"]["occluded"], strict=True)
 
 
+def test_frames_are_brought_to_256x256(tmp_path: Path, entry: dict[str, Any]) -> None:
+    """Fourfold in each direction here: every pixel is the mean of sixteen; tracks are fractions and stay."""
+    ramp = np.arange(11, dtype=np.uint8)[:, None, None, None] * 20 + np.zeros((11, 1024, 1024, 3), np.uint8)
+    ramp[:, ::4] += 8
+    for video in (ramp, encoded(ramp, ".png")):
+        (tmp_path / "dataset.pkl").write_bytes(pickle.dumps({"a": {**entry, "video": video}}))
+        small = read_dataset(tmp_path / "dataset.pkl", "256x256")["a"]
+        assert (small.height, small.width) == (256, 256)
+        expected = np.broadcast_to(np.arange(11)[:, None, None, None] * 20 + 2, (11, 256, 256, 3))
+        np.testing.assert_array_equal(small.frames(), expected)
+        np.testing.assert_array_equal(small.points, entry["points"])
+    with pytest.raises(DatasetError, match="there is no resolution 512; choose of original, 256x256"):
+        read_dataset(tmp_path / "dataset.pkl", "512")
+
+
+def test_a_digest_is_of_the_frames(read: Callable[..., Any], entry: dict[str, Any]) -> None:
+    video = read({"a": entry})["a"]
+    same = read({"b": {**entry, "points": entry["points"] + 0.01}})["b"]
+    changed = read({"a": {**entry, "video": entry["video"] ^ 1}})["a"]
+    assert video.digest() == same.digest()
+    assert len({video.digest(), changed.digest(), video.at(256, 256).digest()}) == 3
+
+
 def test_a_list_is_named_by_position(read: Callable[..., Any], dataset_content: dict[str, Any]) -> None:
     videos = read(list(dataset_content.values()))
     assert list(videos) == ["0", "1"]

@@ -89,6 +89,31 @@ def test_the_two_resolutions_are_not_averaged(dataset: Path, write_predictions: 
         evaluate(dataset, predictions=folder)
 
 
+def test_a_video_stored_at_256_is_in_both_categories(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions
+) -> None:
+    dataset_content["left"]["video"] = np.zeros((11, 256, 256, 3), np.uint8)
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    folder = write_predictions("left", size=(256, 256))
+    assert evaluate(dataset, predictions=folder).resolution == "256x256"
+    write_predictions("right")
+    assert evaluate(dataset, predictions=folder).resolution == "original"
+    write_predictions("right", size=(256, 256))
+    assert evaluate(dataset, predictions=folder).resolution == "256x256"
+
+
+def test_a_tracker_sees_frames_of_the_resolution_asked_for(dataset: Path) -> None:
+    sizes = []
+
+    def watching(video: Any, queries: Any) -> Prediction:
+        sizes.append(video.frames().shape)
+        return still(video, queries)
+
+    assert evaluate(dataset, tracker=watching, resolution="256x256").resolution == "256x256"
+    assert evaluate(dataset, tracker=watching).resolution == "original"
+    assert sizes == [(11, 256, 256, 3)] * 2 + [(11, 20, 32, 3)] * 2
+
+
 def still(video: Any, queries: Any) -> Prediction:
     """Every point stays where it was asked for."""
     tracks = np.repeat(queries.points[:, None, :0:-1], queries.occluded.shape[1], axis=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.names import ENGINES
+from decomo_eval.names import ENGINES, ORIGINAL, RESOLUTIONS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 from decomotion.errors import TrainingError
@@ -34,6 +34,12 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Of every fit.")
 @click.option("--videos", metavar="A,B", help="These only.  [default: all]")
 @click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
+@click.option(
+    "--resolution",
+    type=click.Choice(RESOLUTIONS),
+    default=ORIGINAL,
+    help="Of the frames that are fitted, as stored or brought to TAP-Vid's 256x256: categories of their own.",
+)
 @click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="This machine, or Ray.")
 @click.option("--address", help="Of a Ray cluster.  [default: RAY_ADDRESS, else local, a new one]")
 @click.option("--jobs", type=click.IntRange(min=1), help="Videos at a time.  [default: 1; of ray, what has room]")
@@ -56,6 +62,7 @@ def command(
     seed: int,
     videos: str | None,
     query_mode: str,
+    resolution: str,
     engine: str,
     address: str | None,
     jobs: int | None,
@@ -82,7 +89,8 @@ def command(
         raise click.UsageError("--address and --gpus-per-task are for --engine ray")
     else:
         where = LocalEngine(jobs or 1, cpus_per_task)
-    summary = bench(dataset, out, options, engine=where, videos=names, attempts=attempts, query_mode=query_mode)
+    settings = {"videos": names, "attempts": attempts, "query_mode": query_mode, "resolution": resolution}
+    summary = bench(dataset, out, options, engine=where, **settings)
     if summary.report is not None:
         cells = ", ".join(f"{column.title} {column.cell(summary.report.mean)}" for column in COLUMNS)
         click.echo(f"{query_mode}, mean over {len(summary.report.videos)} videos: {cells}")

@@ -7,7 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -56,22 +56,23 @@ class LocalEngine:
 
 
 def run_tasks(tasks: Sequence[Task], videos: Mapping[str, Video], room: Room) -> Iterator[Outcome]:
-    """Runs the tasks; yields the last outcome of each, as they come. One video at a time is in memory.
+    """Runs the tasks; yields the last outcome of each, as they come. Reads one video at a time.
 
     A task whose attempt fails or is lost goes to the end of the queue, `Task.attempts` times at most; the others go on.
     """
     queue = deque((task, 1) for task in tasks)
     running: dict[Future[Outcome], tuple[Task, int]] = {}
+    clips: dict[str, str] = {}
     while queue or running:
         while queue and len(running) < room.jobs:
             task, number = queue.popleft()
-            if outcome := _without_attempt(task, videos):
+            if outcome := _without_attempt(task, videos, clips):
                 yield outcome
             else:
                 running[room.submit(task, number)] = task, number
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             task, number = running.pop(future)
-            outcome = replace(_outcome(task, number, future), jobs=room.jobs)
+            outcome = replace(_outcome(task, number, future), jobs=room.jobs, clip=clips[task.name])
             if task.model.is_file():  # also where an attempt was lost, or given up for lost, and came to its end
                 outcome = replace(outcome, error=None)
             task.record(outcome)
@@ -82,17 +83,28 @@ def run_tasks(tasks: Sequence[Task], videos: Mapping[str, Video], room: Room) ->
                 queue.append((task, number + 1))
 
 
-def _without_attempt(task: Task, videos: Mapping[str, Video]) -> Outcome | None:
-    """The outcome of a task that needs none, or can have none; else its frames are written."""
-    if finished := task.finished_before():
-        return finished
+def _without_attempt(task: Task, videos: Mapping[str, Video], clips: dict[str, str]) -> Outcome | None:
+    """The outcome of a task that needs no attempt, or can have none; else its frames are written.
+
+    `clips` gets the digest of the video's.
+    """
+    finished = task.finished_before()
     try:
-        task.prepare(videos[task.name])
-    except DatasetError as error:
-        failed = Outcome(task.name, 1, {}, str(error))
-        task.record(failed)
-        return failed
-    return None
+        video = videos[task.name]
+        clips[task.name] = video.digest()
+        if finished is None:
+            task.prepare(video)
+            return None
+    except (DatasetError, OSError) as error:  # of one video: the others go on
+        if finished is None:
+            finished = Outcome(task.name, 1, {}, str(error))
+            with suppress(OSError):
+                task.record(finished)
+        return finished
+    if finished.clip in (None, clips[task.name]):
+        return finished
+    why = f"{task.model} was fitted to other frames than the dataset's; move it away, or give another --out"
+    return replace(finished, error=why)
 
 
 def _outcome(task: Task, number: int, future: Future[Outcome]) -> Outcome:

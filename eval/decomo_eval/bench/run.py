@@ -15,6 +15,7 @@ from decomo_eval.bench.engine import Engine, LocalEngine, run_tasks
 from decomo_eval.bench.task import Outcome, Task
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, EvalError
+from decomo_eval.names import ORIGINAL
 from decomo_eval.query_mode import STRIDED
 from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
@@ -77,6 +78,7 @@ def bench(
     videos: Sequence[str] | None = None,
     attempts: int = 2,
     query_mode: str = STRIDED,
+    resolution: str = ORIGINAL,
 ) -> Summary:
     """Fits, exports and scores every video; what is finished in `out` is not done again.
 
@@ -88,19 +90,20 @@ def bench(
         videos: names; by default all.
         attempts: how often a video is tried; then it is reported, and the others go on.
         query_mode: of the score.
+        resolution: of the frames that are fitted (`dataset.read_dataset`).
 
     Raises `EvalError` where `out` was made from another dataset or with other options, where another run is at work on
     it, or the engine does not run.
     """
     dataset, out = Path(dataset), Path(out)
-    known = read_dataset(dataset)
+    known = read_dataset(dataset, resolution)
     unknown = [name for name in videos or () if name not in known]
     if unknown:
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
     names = list(known if videos is None else videos)
     tasks = [Task(name, out.absolute(), tuple(options), attempts) for name in names]
     with _alone(out):
-        _claim(out, {"dataset": dataset.name, "options": list(options)})
+        _claim(out, {"dataset": dataset.name, "options": list(options), "resolution": resolution})
         outcomes, begin = [], time.monotonic()
         with (engine or LocalEngine()).start() as room:
             for outcome in run_tasks(tasks, known, room):
@@ -110,8 +113,7 @@ def bench(
         failed = tuple(outcome for outcome in outcomes if outcome.error is not None)
         summary = Summary(finished, failed, room.jobs, None)
         summary.write(out)  # should scoring fail, this is known
-        asked = [outcome.name for outcome in finished] if videos is not None else None
-        summary = replace(summary, report=_score(dataset, out, asked, query_mode, finished))
+        summary = replace(summary, report=_score(dataset, out, query_mode, finished, failed))
         summary.write(out)
     return summary
 
@@ -136,7 +138,7 @@ def _claim(out: Path, settings: Mapping[str, Any]) -> None:
     """Writes `bench.json`, or compares with it: a folder's models are of one dataset and one configuration."""
     file = out / "bench.json"
     if file.is_file() and any((out / "models").glob("*.onnx")):
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = {"resolution": ORIGINAL, **json.loads(file.read_text(encoding="utf-8"))}
         different = [key for key, value in settings.items() if found.get(key) != value]
         if different:
             raise EvalError(f"{out} was made with another {' and '.join(different)}; give another --out")
@@ -146,12 +148,14 @@ def _claim(out: Path, settings: Mapping[str, Any]) -> None:
 
 
 def _score(
-    dataset: Path, out: Path, names: list[str] | None, query_mode: str, finished: Sequence[Outcome]
+    dataset: Path, out: Path, query_mode: str, finished: Sequence[Outcome], failed: Sequence[Outcome]
 ) -> Report | None:
     if not finished:
         return None
+    names = [outcome.name for outcome in finished]
     with ReportWriter(out / "report", query_mode) as writer:
         report = evaluate(dataset, out / "models", None, query_mode, names, watch=writer.see)
+        report = replace(report, missing=tuple(outcome.name for outcome in failed))
         writer.write(report)
     return report
 
@@ -160,5 +164,5 @@ def _log(outcome: Outcome, outcomes: Sequence[Outcome], total: int, elapsed: flo
     tried = sum(each.attempts > 0 for each in outcomes)
     left = total - len(outcomes)
     estimate = f", about {elapsed / tried * left / 60:.0f} min left" if tried and left else ""
-    how = "was there" if not outcome.attempts else "finished" if outcome.error is None else f"failed: {outcome.error}"
+    how = f"failed: {outcome.error}" if outcome.error else "finished" if outcome.attempts else "was there"
     logger.info("%s %s (%d of %d%s)", outcome.name, how, len(outcomes), total, estimate)

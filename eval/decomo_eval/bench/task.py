@@ -46,6 +46,8 @@ class Outcome:
     """The last attempt's, or None where the model is there."""
     jobs: int | None = None
     """Videos at a time in the run that fitted it; None of runs that did not note it."""
+    clip: str | None = None
+    """`Video.digest` of what it was fitted to; None of runs that did not note it."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ class Task:
             return None
         report = self.folder / "task.json"
         known = json.loads(report.read_text(encoding="utf-8")) if report.is_file() else {}
-        return Outcome(self.name, 0, known.get("seconds", {}), None, known.get("jobs"))
+        return Outcome(self.name, 0, known.get("seconds", {}), None, known.get("jobs"), known.get("clip"))
 
     def _keep(self, run: Path, model: Path) -> None:
         shutil.rmtree(self.folder / "run", ignore_errors=True)
