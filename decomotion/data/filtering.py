@@ -80,9 +80,12 @@ def filtered(
     grid: Grid,
     config: FilterConfig,
 ) -> npt.NDArray[np.uint8]:
-    """The confidence [point] of the links of one pair (i, j), i not j, after all rules that `config` switches on."""
+    """The confidence [point] of the links of one pair (i, j), i not j, after all rules that `config` switches on.
+
+    `targets` may have more points than the others, which are the first.
+    """
     i, j = pair
-    xy, there, unit = points[i], targets[i, j], max(grid.height, grid.width) / 256
+    xy, there, unit = points[i], targets[i, j][: points.shape[1]], max(grid.height, grid.width) / 256
     result = np.array(confidence[i, j])
     landed = grid.nearest(there)
     returned = follow(there, points[j], targets[j, i], landed)

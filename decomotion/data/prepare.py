@@ -171,7 +171,7 @@ class _Work:
         random = np.random.default_rng(0)
         return jittered_grid(len(self.clip), self.clip.height, self.clip.width, self.count, random)
 
-    # the stages: of what each is the result
+    # the stages: of what each is the result; gaps follow the time there was, so that links are known by their record
 
     def stage(self, name: str, **settings: Any) -> Stage:
         versioned = {"version": VERSIONS[name], "clip": self.clip.digest(), **settings}
@@ -207,7 +207,7 @@ class _Work:
     @cached_property
     def filter(self) -> Stage:
         rules = self.config.filters.model_dump(mode="json")
-        return self.stage("filter", links=self.links.key, features=self.features.key, rules=rules)
+        return self.stage("filter", links=self.links.made, features=self.features.key, rules=rules)
 
     @cached_property
     def motion(self) -> Stage:
@@ -215,7 +215,7 @@ class _Work:
         given = self.given_masks
         return self.stage(
             "motion",
-            links=self.filter.key if self.filters_on else self.links.key,
+            links=self.filter.key if self.filters_on else self.links.made,
             kind=kind,
             given=None if given is None else hashlib.sha256(np.packbits(given).tobytes()).hexdigest(),
         )

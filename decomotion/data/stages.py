@@ -54,8 +54,16 @@ class Stage:
 
     @property
     def finished(self) -> bool:
-        """Whether it is there, whole."""
-        return (self.folder / RECORD).is_file()
+        """Whether it is there, whole: no file is missing or has another size than it had."""
+        if not (self.folder / RECORD).is_file():
+            return False
+        files = json.loads((self.folder / RECORD).read_text(encoding="utf-8")).get("files", {})
+        return all(_size(self.folder / name) == size for name, size in files.items())
+
+    @property
+    def made(self) -> str:
+        """Of the finished stage: hash of its record, another for each time that it is made."""
+        return hashlib.sha256((self.folder / RECORD).read_bytes()).hexdigest()[:20]
 
     def record(self, cached: bool) -> Record:
         """Of the finished stage; `cached`: not made by this call."""
@@ -83,7 +91,8 @@ class Stage:
             begin = time.monotonic()
             facts = build(partial)
             seconds = {**facts.pop("seconds", {self.name: time.monotonic() - begin})}
-            content = {"settings": self.settings, "seconds": seconds, "facts": facts}
+            files = {str(file.relative_to(partial)): _size(file) for file in partial.rglob("*") if file.is_file()}
+            content = {"settings": self.settings, "seconds": seconds, "facts": facts, "files": files}
             (partial / RECORD).write_text(json.dumps(content, indent=1), encoding="utf-8")
             if self.folder.exists():  # it keeps serving those that have it open
                 shutil.rmtree(self.folder)
@@ -104,6 +113,10 @@ class Record:
     """On disk."""
     cached: bool
     """Whether it was there already."""
+
+
+def _size(file: Path) -> int | None:
+    return file.stat().st_size if file.is_file() else None
 
 
 @contextmanager

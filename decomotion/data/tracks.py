@@ -56,6 +56,7 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
     frames, queries = len(clip), arrays.get("queries")
     if queries is not None and (queries.ndim != 2 or queries.shape[1] != 3):
         raise SupervisionError(f"{where}: queries is {list(queries.shape)}; it must be [N, 3], rows of (t, x, y)")
+    arrays = _point_first_of_square(arrays, frames, queries)
     tracks = _point_first(arrays["tracks"], 3, frames, queries, f"{where}: tracks")
     if tracks.shape[2] != 2:
         raise SupervisionError(f"{where}: tracks is {list(tracks.shape)}; it must be [N, T, 2], (x, y) in pixels")
@@ -102,6 +103,23 @@ def _point_first(array: npt.NDArray, axes: int, frames: int, queries: npt.NDArra
     if array.shape[1] != frames:
         return array.swapaxes(0, 1)
     return array if queries is None or len(array) == len(queries) else array.swapaxes(0, 1)
+
+
+def _point_first_of_square(
+    arrays: dict[str, npt.NDArray], frames: int, queries: npt.NDArray | None
+) -> dict[str, npt.NDArray]:
+    """As many tracks as frames: the order in which tracks begin nearer to their queries is that of all arrays."""
+    tracks, row = arrays["tracks"], np.arange(frames)
+    if queries is None or tracks.shape != (frames, frames, 2) or len(queries) != frames:
+        return arrays
+    frame = np.clip(queries[:, 0], 0, frames - 1).astype(int)
+    miss = [
+        np.nanmedian(np.linalg.norm(starts - queries[:, 1:], axis=-1))
+        for starts in (tracks[row, frame], tracks[frame, row])
+    ]
+    if not miss[1] < miss[0]:
+        return arrays
+    return {name: array if name == "queries" else array.swapaxes(0, 1) for name, array in arrays.items()}
 
 
 def _check_queries(queries: npt.NDArray, tracks: npt.NDArray, hidden: npt.NDArray, side: int, where: str) -> None:

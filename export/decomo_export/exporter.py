@@ -33,6 +33,9 @@ OCCLUSION_THRESHOLD = 0.5
 DEFAULT_BAKE: Bake = "depth"
 
 
+SUFFIX = ".onnx"
+
+
 @dataclass(frozen=True)
 class Exported:
     """A written model file."""
@@ -63,10 +66,12 @@ def export(
         force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`, or
             from torch by more than `parity.LIMIT_PIXELS`.
 
-    Raises: `CheckpointError` where there is no run; `ExportError` where it is of several shots or was stopped before
-        its first step, or where the file disagrees with torch, or with float32 by more than is allowed, in which case
-        nothing is written.
+    Raises: `CheckpointError` where there is no run; `ExportError` where `path` is not named `.onnx`, the run is of
+        several shots or was stopped before its first step, or where the file disagrees with torch, or with float32 by
+        more than is allowed; then nothing is written.
     """
+    if Path(path).suffix.lower() != SUFFIX:
+        raise ExportError(f"{path} must end in {SUFFIX}")
     folder = Path(run) if run is not None else checkpoint.latest_run()
     if shots := runs_of_shots(folder):
         raise ExportError(f"{folder} is of several shots; export one of {', '.join(map(str, shots))}")

@@ -58,14 +58,31 @@ class QueryGraph(nn.Module):
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
         surface = rays.surface() if self.bake == "none" else self.surfaces(xy, frame)
+        tracks, occlusion = self._track(xy, frame, surface, frames)
+        rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
+        seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
+        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
+
+    def track(
+        self, queries: Float[Tensor, "query 3"], frames: Int[Tensor, " frame"]
+    ) -> tuple[Float[Tensor, "query frame 2"], Float[Tensor, "query frame"]]:
+        """tracks and occlusion alone: what the file computes where frames are asked for (`lazy.py`)."""
+        xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
+        surface = self.model.cast(xy, frame).surface() if self.bake == "none" else self.surfaces(xy, frame)
+        return self._track(xy, frame, surface, frames)
+
+    def _track(
+        self,
+        xy: Float[Tensor, "2 query"],
+        frame: Int[Tensor, " query"],
+        surface: Surface,
+        frames: Int[Tensor, " target"],
+    ) -> tuple[Float[Tensor, "query target 2"], Float[Tensor, "query target"]]:
         there = self._carry(xy, frame, surface, frames)
         at_home = frame[:, None] == frames
         there = torch.where(at_home, xy[:, :, None], there)
         occlusion = self._occlusion(xy, frame, there.flatten(1), frames, at_home.flatten())
-        rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
-        tracks = there.permute(1, 2, 0)
-        seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
-        return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
+        return there.permute(1, 2, 0), occlusion
 
     def _bytes(self, samples: int) -> int:
         """Samples, times widest layer, times arrays in use."""

@@ -47,7 +47,8 @@ def open_session(
 ) -> onnxruntime.InferenceSession:
     """An onnxruntime session on `path`, with its own settings; `ModelFileError` where the file does not open.
 
-    `providers` defaults to the CPU, `threads` (within one operator) to onnxruntime's own choice.
+    `providers` defaults to the CPU, `threads` (within one operator) to onnxruntime's own choice. Positions are products
+    too: CUDA multiplies in whole float32 unless its options say otherwise (`use_tf32`).
     """
     import onnxruntime
     from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors  # pyright: ignore[reportAttributeAccessIssue]
@@ -62,7 +63,7 @@ def open_session(
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise SessionError(f"threads must be a whole number of at least 1, got {threads!r}")
         options.intra_op_num_threads = threads
-    providers = ["CPUExecutionProvider"] if providers is None else list(providers)
+    providers = ["CPUExecutionProvider"] if providers is None else [_exact(provider) for provider in providers]
     _check_providers(providers, onnxruntime.get_available_providers())
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=providers)
@@ -118,6 +119,12 @@ def _check_file(path: Path) -> None:
         raise ModelFileError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
     if path.stat().st_size == 0:
         raise ModelFileError(f"{path} is empty; copy it again, or {_WRITE_ONE}")
+
+
+def _exact(provider: str | tuple[str, dict[str, Any]]) -> str | tuple[str, dict[str, Any]]:
+    """CUDA's TF32, its default, has ten bits: too few for a pixel or for a row of a table."""
+    name, options = (provider, {}) if isinstance(provider, str) else provider
+    return (name, {"use_tf32": "0", **options}) if name == "CUDAExecutionProvider" else provider
 
 
 def _check_providers(providers: Providers, available: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -155,6 +156,14 @@ class TestTracks:
         assert not confidence[-1, :, 1].any()
         assert not confidence[:, -1, 1].any()
 
+    def test_filters_leave_them_as_they_are(self, clip: Clip, file: Path):
+        cycle, given = "data.filters.cycle=0.5", f"data.tracks={file}"
+        alone, pool = prepare(clip, config(cycle), progress=False), prepare(clip, config(cycle, given), progress=False)
+        of_grid = pool.confidence[..., : alone.num_points]
+        np.testing.assert_array_equal(of_grid, alone.confidence)
+        unfiltered = prepare(clip, config(given), progress=False)
+        np.testing.assert_array_equal(pool.confidence[..., -2:], unfiltered.confidence[..., -2:])
+
     def test_more_of_them_than_the_pool_has_room_for(self, clip: Clip, file: Path):
         settings = config(f"data.tracks={file}").model_copy(
             update={"pool": config("data.pool.disk_limit=1", "data.pool.points_per_frame=100000").pool}
@@ -214,6 +223,26 @@ class TestCache:
         again = prepare(dataclasses.replace(clip, name="renamed", fps=12.0), config(), progress=False)
         assert builds == ["links", "features", "motion"]
         np.testing.assert_array_equal(first.targets[...], again.targets[...])
+
+    @pytest.mark.parametrize("harm", [Path.unlink, lambda file: os.truncate(file, 100)])
+    def test_a_stage_without_its_files_is_made_anew(
+        self, builds: list[str], clip: Clip, harm: Callable[[Path], None], tmp_path: Path
+    ):
+        first = np.array(prepare(clip, config(), progress=False).targets[...])
+        (file,) = (tmp_path / "cache").rglob("targets.npy")
+        harm(file)
+        again = prepare(clip, config(), progress=False)
+        np.testing.assert_array_equal(again.targets[...], first)
+        assert builds == ["links", "features", "motion", "links", "motion"]
+
+    def test_what_follows_from_links_is_made_anew_with_them(self, builds: list[str], clip: Clip, tmp_path: Path):
+        """With the same settings, links of another run may have other gaps."""
+        prepare(clip, config("data.filters.cycle=0.5"), progress=False)
+        (links,) = (tmp_path / "cache").rglob("links-*")
+        shutil.rmtree(links)
+        builds.clear()
+        prepare(clip, config("data.filters.cycle=0.5"), progress=False)
+        assert builds == ["links", "filter", "motion"]
 
     def test_built_anew_where_asked_for(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)

@@ -66,6 +66,21 @@ def test_frames_first_is_the_same(tmp_path: Path, with_queries: bool):
     )
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_as_many_tracks_as_frames_are_told_apart_by_their_queries(tmp_path: Path, turned: bool):
+    frame = np.arange(3)
+    clip = Clip("square", np.zeros((3, 60, 80, 3), np.uint8), 24.0)
+    tracks = np.array([[10.0, 10], [40, 20], [70, 50]])[:, None] + frame[:, None]
+    occluded = np.zeros((3, 3), bool)
+    occluded[0, 2] = True
+    queries = np.column_stack([[1, 2, 0], tracks[frame, [1, 2, 0]]])
+    order = (1, 0) if turned else (0, 1)
+    file = saved(tmp_path, tracks=tracks.transpose(*order, 2), occluded=occluded.transpose(order), queries=queries)
+    known = read_tracks(file, clip)
+    np.testing.assert_allclose(known.xy, tracks)
+    np.testing.assert_array_equal(known.confidence == 0, occluded)
+
+
 def test_numbers_of_any_kind(tmp_path: Path):
     content = arrays()
     as_numbers = {

@@ -92,6 +92,16 @@ class TestRefused:
         assert "there is no run in" in self.refused(["model.onnx"], capsys)
         assert list(elsewhere.iterdir()) == []
 
+    def test_a_name_that_is_no_model_s(self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str]):
+        """The argument of decomo-train, typed again."""
+        clip = elsewhere / "goat.mp4"
+        clip.write_bytes(b"a film")
+        assert main([str(clip), "--run", str(networks.run)]) == 2
+        assert "goat.mp4 must end in .onnx" in capsys.readouterr().err
+        with pytest.raises(ExportError, match=r"must end in \.onnx"):
+            exporter.export(clip, networks.run)
+        assert clip.read_bytes() == b"a film"
+
     def test_a_folder_that_is_no_run(self, elsewhere: Path, capsys: pytest.CaptureFixture[str]):
         said = self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
         assert "checkpoint.pt does not exist; train first" in said

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 
 from decomo_runtime import ModelFileError, SessionError, Tracker, contract
@@ -153,6 +154,22 @@ def test_threads_must_be_a_positive_whole_number(model_path: Path, threads: Any)
 def test_absent_provider(model_path: Path, provider: Any):
     with pytest.raises(SessionError, match=r"no provider 'MoonExecutionProvider'; choose from .*CPUExecutionProvider"):
         Tracker(model_path, providers=[provider])
+
+
+def test_cuda_multiplies_exactly_unless_told_otherwise(model_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked: list[Any] = []
+
+    def session(path: str, options: Any, providers: Any) -> Any:
+        asked.append(providers)
+        raise RuntimeError("no GPU here")
+
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
+    own = {"device_id": 1, "use_tf32": "1"}
+    for provider in ("CUDAExecutionProvider", ("CUDAExecutionProvider", own)):
+        with pytest.raises(Exception, match="no GPU here"):
+            open_session(model_path, [provider])
+    assert asked == [[("CUDAExecutionProvider", {"use_tf32": "0"})], [("CUDAExecutionProvider", own)]]
 
 
 def test_providers_and_options_pass_through(model_path: Path):
