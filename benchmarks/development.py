@@ -38,14 +38,21 @@ REFERENCE, OURS = "chained-dis", "cpu"
 
 def document(rows: dict[str, list[Record]], command: str) -> Iterator[str]:
     """Lines of Markdown: what was measured and how, the rows, and our fits clip by clip."""
-    records = [record for row in rows.values() for record in row]
-    dates, commits = ({record[key]: None for record in records} for key in ("date", "commit"))
-    machines = sorted({f"{r['machine']['cores']} cores of {r['machine']['processor']}" for r in records})
     yield "# TAP-Vid-DAVIS, ten development clips, first 32 frames only, 256x256"
     yield ""
     yield f"Made by `{command}` from the records in `{FITS}` and `{BASELINES}` beside this file."
-    yield f"{', '.join(sorted(dates))}; commits {', '.join(commits)}; {', '.join(machines)}."
     yield "Published figures are for full-length clips and not comparable."
+    yield from ("", "| row | date | commit | settings | machine | threads |", "|---|---|---|---|---|---|")
+    for name, row in rows.items():
+        machines = [record["machine"] for record in row]
+        facts = (
+            [record["date"] for record in row],
+            [record["commit"] for record in row],
+            [" ".join(record["overrides"]) for record in row],
+            [f"{machine['cores']} cores of {machine['processor']}" for machine in machines],
+            [machine.get("threads", "not noted") for machine in machines],
+        )
+        yield "| " + " | ".join([name, *(", ".join(sorted(set(values))) for values in facts)]) + " |"
     for query_mode in QUERY_MODES:
         reference = by_clip(rows[REFERENCE], query_mode) if REFERENCE in rows else None
         yield from ("", f"## {query_mode}", "", *row_table(rows, query_mode, reference))

@@ -6,7 +6,7 @@ RUN is a run folder of `decomo-train`. It is exported once for each bake; all an
 32 frames, or of a whole frame in one other frame. Times are the best of `--repeats`. Rows:
 
     <bake>            the file, asked through `decomo_runtime.Tracker`
-    <bake>, torch     the same graph in torch eager
+    <bake>, torch     the same in torch eager: tracks and occlusion, without the queries' own colours
     omnimotion's way  torch eager, the same weights: all K samples of a query's ray are mapped to every frame and
                       composited there (the paper's Eq. 5); for occlusion, the ray of each answer is rendered and the
                       depths compared
@@ -140,9 +140,9 @@ def measure_bake(
     asked = torch.from_numpy(many), torch.from_numpy(frames)
     chunk = max(1, 2**26 // graph.bytes_per_ray // (1 + len(frames)))  # as the runtime's default
     with torch.no_grad():
-        eager = best_of(repeats, lambda: [graph(part, asked[1]) for part in asked[0].split(chunk)])
+        eager = best_of(repeats, lambda: [graph.track(part, asked[1]) for part in asked[0].split(chunk)])
         with FlopCounterMode(display=False) as counter:
-            graph(asked[0][:chunk], asked[1])
+            graph.track(asked[0][:chunk], asked[1])
     flops = counter.get_total_flops() * len(many) / len(many[:chunk])
     record["torch_eager_seconds"] = eager
     record["faster_than_torch"] = eager / float(record[f"{max(counts)}_seconds"])
