@@ -114,7 +114,14 @@ def child(code: str, path: Path, threads: int) -> list[float]:
 
 
 def measure_bake(
-    folder: Path, run: Path, bake: Bake, precision: Precision, counts: list[int], repeats: int, threads: int
+    folder: Path,
+    run: Path,
+    bake: Bake,
+    precision: Precision,
+    counts: list[int],
+    repeats: int,
+    threads: int,
+    whole_frame: bool,
 ) -> Record:
     """All figures of one bake; `p99_pixels` is the file's distance from float32's tracks."""
     path = folder / f"{bake}.onnx"
@@ -134,7 +141,8 @@ def measure_bake(
         seconds = best_of(repeats, lambda queries=queries: tracker.track(queries, frames))
         record[f"{count}_seconds"] = seconds
         record[f"{count}_point_frames_per_second"] = count * len(frames) / seconds
-    record["whole_frame_seconds"] = best_of(repeats, lambda: tracker.dense(0, to=len(frames) - 1))
+    if whole_frame:
+        record["whole_frame_seconds"] = best_of(repeats, lambda: tracker.dense(0, to=len(frames) - 1))
 
     many = random_queries(tracker, max(counts))
     asked = torch.from_numpy(many), torch.from_numpy(frames)
@@ -165,6 +173,7 @@ def main() -> None:
     parser.add_argument("--bake", default="none,depth,full")
     parser.add_argument("--precision", choices=get_args(Precision), default="fp32", help="of the files' weights")
     parser.add_argument("--queries", default="1,64,4096")
+    parser.add_argument("--no-whole-frame", action="store_true", help="leave it out: minutes with the paper preset")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--json", type=Path)
@@ -181,7 +190,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for bake in arguments.bake.split(","):
             record[bake] = measure_bake(
-                Path(folder), arguments.run, bake, arguments.precision, counts, arguments.repeats, arguments.threads
+                Path(folder),
+                arguments.run,
+                bake,
+                arguments.precision,
+                counts,
+                arguments.repeats,
+                arguments.threads,
+                not arguments.no_whole_frame,
             )
         tracker = Tracker(Path(folder) / f"{arguments.bake.split(',')[0]}.onnx")
         queries = torch.from_numpy(random_queries(tracker, max(counts)))

@@ -113,7 +113,8 @@ class Tracker:
 
         `max_memory` bounds, in bytes and roughly, what the session works with at once (default: 64 MiB), answers not
         counted; `chunk` instead is the number of queries that a call of the session gets. They change memory and
-        speed, never the answer. `QueryError` where an argument is malformed, or the memory too little for one point.
+        speed, not the answer (to 0.0001 px). `QueryError` where an argument is malformed, or the memory too little for
+        one point.
         """
         queries = check_queries(queries, self.facts)
         frames = check_frames(frames, self.num_frames)

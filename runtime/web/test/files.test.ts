@@ -55,6 +55,11 @@ describe("files of points", () => {
     expect(() => readPoints("p.npz", foreign, FACTS)).toThrow("p.npz has points of a clip whose height is 9");
   });
 
+  it("refuses more points than it can draw", () => {
+    const many = bytes(`t,x,y\n${"0,1,1\n".repeat(2001)}`);
+    expect(() => readPoints("p.csv", many, FACTS)).toThrow("p.csv holds 2001 points, more than the 2000 that this page takes");
+  });
+
   it("takes columns in any order, and Windows' line ends", () => {
     expect(readPoints("p.csv", bytes("x,Y,note,t\r\n1,2,hm,0\r\n\r\n3,4,,1\r\n"), FACTS)).toEqual([
       { t: 0, x: 1, y: 2 },

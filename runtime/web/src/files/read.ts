@@ -6,12 +6,18 @@ import type { Draft } from "../points";
 import { type NumberArray, readNpy } from "./npy";
 import { JSON_FORMAT, JSON_VERSION } from "./write";
 
+/** Each is a row of the list and a trail in every picture. */
+const MOST_POINTS = 2000;
+
 /** The points of a .csv, .json or .npz file; `InputError` says what is wrong and where. */
 export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): Draft[] {
   const suffix = name.slice(name.lastIndexOf(".")).toLowerCase();
   const read = { ".csv": readCsv, ".json": readJson, ".npz": readNpz }[suffix];
   if (read === undefined) throw new InputError(`${name} is nothing that this page opens; give a model (.onnx), frames (.jpg, .png) or points (.csv, .json, .npz).`);
   const drafts = read(bytes, name, facts);
+  if (drafts.length > MOST_POINTS) {
+    throw new InputError(`${name} holds ${drafts.length} points, more than the ${MOST_POINTS} that this page takes at once; ask decomo-track for them.`);
+  }
   drafts.forEach((draft, row) => check(draft, `${name}, point ${row} (counted from 0)`, facts));
   return drafts;
 }

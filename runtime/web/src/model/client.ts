@@ -110,9 +110,18 @@ export class Model {
     return { tracks, occlusion };
   }
 
-  /** What the model sees along the rays of `queries` [N, 3]. */
-  render(queries: Float32Array): Promise<Appearance> {
-    return this.renderer.ask("render", { queries });
+  /** What the model sees along the rays of `queries` [N, 3]; by WebAssembly again once WebGPU fails, as after a sleep. */
+  async render(queries: Float32Array): Promise<Appearance> {
+    const renderer = this.renderer;
+    try {
+      return await renderer.ask("render", { queries });
+    } catch (error) {
+      if (renderer === this.wasm || this.closed) throw error;
+      renderer.close();
+      this.renderer = this.wasm;
+      this.backend = "wasm";
+      return this.wasm.ask("render", { queries });
+    }
   }
 
   /** Moves the rendering of layers to WebGPU where there is one that agrees with WebAssembly and is faster. */
