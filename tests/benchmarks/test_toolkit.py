@@ -50,7 +50,8 @@ def record(row: str, clip: str, aj: float) -> dict[str, Any]:
     about = {
         "date": "2026-01-02",
         "commit": "0123abc",
-        "machine": {"cores": 2, "processor": "some"},
+        "overrides": ["data.flow.upsample=1"],
+        "machine": {"cores": 2, "processor": "some", "threads": "1"},
         "stages": {},
         "splits": {},
     }
@@ -89,6 +90,7 @@ def test_the_full_table_is_of_both_programs_records(tmp_path: Path, monkeypatch:
         assert f"| {row} | 1 | " in rows
     assert "| cpu | 1 | 75.0 | 75.0 |" in rows
     assert "| +25.0 |" in rows
+    assert "| cpu | 2026-01-02 | 0123abc | data.flow.upsample=1 | 2 cores of some | 1 |" in rows
 
     asked.clear()
     (out / "development.md").unlink()
