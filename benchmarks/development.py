@@ -32,7 +32,7 @@ FITS, BASELINES = "10m", "baselines"
 FINE = "data.flow.gradient_weight=10"
 """Of DIS alone: with it the records of the README were made."""
 NOT_ENLARGED = "data.flow.upsample=1"
-"""Of RAFT-small alone: enlarged frames take it six times as long."""
+"""Of RAFT-small alone: enlarged frames take it four to five times as long."""
 REFERENCE, OURS = "chained-dis", "cpu"
 
 
