@@ -86,7 +86,7 @@ def run_tasks(tasks: Sequence[Task], videos: Mapping[str, Video], room: Room) ->
 def _without_attempt(task: Task, videos: Mapping[str, Video], clips: dict[str, str]) -> Outcome | None:
     """The outcome of a task that needs no attempt, or can have none; else its frames are written.
 
-    `clips` gets the digest of the video's.
+    `clips` gets the video's digest.
     """
     finished = task.finished_before()
     try:
@@ -96,11 +96,12 @@ def _without_attempt(task: Task, videos: Mapping[str, Video], clips: dict[str, s
             task.prepare(video)
             return None
     except (DatasetError, OSError) as error:  # of one video: the others go on
-        if finished is None:
-            finished = Outcome(task.name, 1, {}, str(error))
-            with suppress(OSError):
-                task.record(finished)
-        return finished
+        if finished is not None:
+            return finished
+        failed = Outcome(task.name, 1, {}, str(error))
+        with suppress(OSError):
+            task.record(failed)
+        return failed
     if finished.clip in (None, clips[task.name]):
         return finished
     why = f"{task.model} was fitted to other frames than the dataset's; move it away, or give another --out"
