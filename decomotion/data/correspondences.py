@@ -23,6 +23,7 @@ from decomotion.data.fields import FlowFields, threads
 from decomotion.data.flow import FlowEstimator
 from decomotion.data.intervals import choose_intervals, pairs_of
 from decomotion.data.matching import MatchStore
+from decomotion.data.memory import give_back
 from decomotion.data.pool import pack
 from decomotion.data.refinement import Refiner
 from decomotion.data.sampling import bilinear
@@ -33,6 +34,10 @@ CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
 SCHEDULE = "schedule.json"
 """The gaps that were chosen: an interrupted run goes on with them, however fast the machine is then."""
+LINKED = "linked"
+"""How many of the parts of linking are done: an interrupted run goes on after them."""
+LINKED_AT_ONCE = 256 << 20
+"""Bytes of the states of the points that are linked at a time; every further part reads the fields again."""
 TRIALS = 3
 """Of what a field costs."""
 
@@ -51,7 +56,9 @@ def build_links(
     `points` [frame, point, 2] are linked by flow; those of `tracks` come after them.
     """
     begin = time.monotonic()
-    matches = MatchStore(clip, config.matching, progress, neighbours=estimator.guided)
+    matches = MatchStore(clip, config.matching, folder / "matches", neighbours=estimator.guided)
+    matches.compute(progress)
+    give_back()
     matched = time.monotonic()
     fields = FlowFields(clip, estimator, matches, folder / "flow")
     budget = config.prepare_budget - (matched - begin)
@@ -59,6 +66,7 @@ def build_links(
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_fields = fields.compute(intervals, progress)
+    give_back()
     computed = time.monotonic()
 
     frames, on_grid = points.shape[:2]
@@ -66,12 +74,11 @@ def build_links(
     np.save(folder / "points.npy", shown)
     np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
     count = shown.shape[1]
-    create = partial(np.lib.format.open_memmap, mode="w+")
+    create = partial(np.lib.format.open_memmap, mode="r+" if parts_done(folder) else "w+")
     targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
     confidence = create(folder / "confidence.npy", dtype=np.uint8, shape=(frames, frames, count))
-    _link(
-        clip, config, points, fields, intervals, matches, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress
-    )
+    linker = _Linker(clip, config, fields, intervals, matches)
+    linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)
     for frame in range(frames):
         targets[frame, frame] = pack(shown[frame], side)
@@ -82,7 +89,10 @@ def build_links(
     targets.flush()
     confidence.flush()
     shutil.rmtree(folder / "flow")
-    (folder / SCHEDULE).unlink()
+    shutil.rmtree(folder / "matches")
+    for file in (LINKED, SCHEDULE):
+        (folder / file).unlink()
+    give_back()
     return {
         **schedule,
         "fields": count_of_fields,
@@ -120,35 +130,66 @@ def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, budget: float,
     return chosen
 
 
-def _link(
-    clip: Clip,
-    config: DataConfig,
-    points: npt.NDArray[np.float32],
-    field: linking.FieldLookup,
-    intervals: tuple[int, ...],
-    matches: MatchStore,
-    targets: npt.NDArray[np.uint16],
-    confidence: npt.NDArray[np.uint8],
-    progress: bool,
-) -> None:
-    """Links every frame's points to every other frame, into `targets` and `confidence`."""
-    height, width = field(0, 1).shape[:2]
-    shrink = np.array([width / clip.width, height / clip.height], np.float32)
-    on_raster = (points + 0.5) * shrink - 0.5
-    rematching = linking.Rematching(matches, matches.intervals, Refiner(clip)) if matches.intervals else None
-    with tqdm(total=2 * len(clip), desc="link", disable=not progress, leave=False) as bar:
-        for step in (1, -1):
-            for links in linking.link(
-                on_raster,
-                field,
-                intervals,
-                config.pool.cycle_threshold,
-                config.pool.max_gap,
-                step,
-                rematching,
-            ):
-                in_pixels = (links.xy + 0.5) / shrink - 0.5
-                targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))
-                certain = np.where(links.occluded, 0, CONFIDENT_VARIANCE / (CONFIDENT_VARIANCE + links.variance))
-                confidence[links.sources, links.target] = np.round(255 * certain)
-                bar.update()
+def parts_done(folder: Path) -> int:
+    """Parts of linking that an interrupted run has left in the stage's folder."""
+    file = folder / LINKED
+    return int(file.read_text(encoding="ascii")) if file.is_file() else 0
+
+
+class _Linker:
+    """Links the points of every frame to every other, part by part."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        config: DataConfig,
+        field: linking.FieldLookup,
+        intervals: tuple[int, ...],
+        matches: MatchStore,
+    ) -> None:
+        self._clip, self._pool, self._field, self._intervals = clip, config.pool, field, intervals
+        self._rematching = linking.Rematching(matches, matches.intervals, Refiner(clip)) if matches.intervals else None
+        self._longest = min(len(clip), max(intervals + matches.intervals))
+
+    def run(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        progress: bool,
+        folder: Path,
+    ) -> None:
+        """Fills `targets` and `confidence`, but for the frames themselves; `folder` remembers which parts are done."""
+        frames, done, parts = len(self._clip), parts_done(folder), self._parts(points.shape[1])
+        with tqdm(
+            total=frames * len(parts), initial=frames * done, desc="link", disable=not progress, leave=False
+        ) as bar:
+            for number, (which, step) in enumerate(parts[done:], done + 1):
+                self._link(points[:, which], targets[:, :, which], confidence[:, :, which], step, bar)
+                write_whole(folder / LINKED, partial(Path.write_text, data=str(number), encoding="ascii"))
+
+    def _parts(self, points: int) -> list[tuple[slice, int]]:
+        """Which points are linked at a time, and which way in time: as many as fit into `LINKED_AT_ONCE`."""
+        at_once = max(1, LINKED_AT_ONCE // (linking.BYTES_A_POINT * len(self._clip) * self._longest))
+        return [(slice(first, first + at_once), step) for first in range(0, points, at_once) for step in (1, -1)]
+
+    def _link(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        step: int,
+        bar: tqdm,
+    ) -> None:
+        clip, pool = self._clip, self._pool
+        height, width = self._field(0, 1).shape[:2]
+        shrink = np.array([width / clip.width, height / clip.height], np.float32)
+        on_raster = (points + 0.5) * shrink - 0.5
+        for links in linking.link(
+            on_raster, self._field, self._intervals, pool.cycle_threshold, pool.max_gap, step, self._rematching
+        ):
+            in_pixels = (links.xy + 0.5) / shrink - 0.5
+            targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))
+            certain = np.where(links.occluded, 0, CONFIDENT_VARIANCE / (CONFIDENT_VARIANCE + links.variance))
+            confidence[links.sources, links.target] = np.round(255 * certain)
+            bar.update()

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
 from decomotion.data.pool import Positions
 from decomotion.data.sampling import bilinear
@@ -81,7 +82,12 @@ def in_units(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def motion_evidence(
-    images: npt.NDArray[np.uint8], points: Floats, targets: Positions, confidence: npt.NDArray[np.uint8], scale: float
+    images: npt.NDArray[np.uint8],
+    points: Floats,
+    targets: Positions,
+    confidence: npt.NDArray[np.uint8],
+    scale: float,
+    progress: bool = False,
 ) -> Evidence:
     """Compares every frame with its neighbours up to `NEIGHBOURS` away.
 
@@ -91,13 +97,14 @@ def motion_evidence(
         targets: [frame, frame, point, 2] in pixels of the clip, as in the pool.
         confidence: [frame, frame, point], as in the pool; 0 says nothing.
         scale: units a pixel of the clip.
+        progress: show a progress bar.
     """
     frames, (height, width) = len(points), images.shape[1:3]
     blurred = [cv2.GaussianBlur(image, (0, 0), 1) for image in images]
     random = np.random.default_rng(0)
     residual = np.full(points.shape[:2], np.nan, np.float32)
     change = np.full(points.shape[:2], np.nan, np.float32)
-    for frame in range(frames):
+    for frame in tqdm(range(frames), "motion", disable=not progress, leave=False):
         source, border = points[frame], near_border(points[frame], height, width)
         compared = [
             _Pair.fit(source, (targets[frame, other] + 0.5) * scale - 0.5, confidence[frame, other], border, random)

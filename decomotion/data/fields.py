@@ -30,7 +30,7 @@ from decomotion.data.intervals import couples_of
 from decomotion.data.linking import cycle_error
 from decomotion.data.matching import Matches, MatchStore
 from decomotion.data.sampling import bilinear
-from decomotion.data.stages import write_array
+from decomotion.data.stages import readable, write_array
 from decomotion.images import filled
 
 Couple = tuple[int, int]
@@ -82,12 +82,7 @@ class FlowFields:
         return self.folder / f"{first}_{second}.npy"
 
     def _are_there(self, couple: Couple) -> bool:
-        try:
-            for first, second in (couple, couple[::-1]):
-                np.load(self._file(first, second), mmap_mode="r")
-        except (OSError, ValueError):
-            return False
-        return True
+        return all(readable(self._file(*way)) for way in (couple, couple[::-1]))
 
     def _make(self, couple: Couple, shorter: Sequence[int]) -> None:
         both = self._ask(couple, (None, None))

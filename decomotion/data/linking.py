@@ -41,6 +41,8 @@ CYCLE_SHARE = 0.3
 """Share of a hop's squared cycle error that is counted as its own squared error."""
 CYCLE_LIMIT = 20.0
 """Cycle errors are counted up to here, in units."""
+BYTES_A_POINT = 13
+"""Of a point of one source frame in one frame that was reached; they are kept for the longest gap."""
 OCCLUSION_COST = 10.0
 """Squared units that a hop onto a hidden place costs: any visible path is preferred up to this error."""
 

@@ -29,6 +29,7 @@ def auto_masks(
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
+    progress: bool = False,
 ) -> Mask:
     """What moves relative to the static scene, [frame, H, W], from the geometry of many pairs of frames.
 
@@ -38,12 +39,14 @@ def auto_masks(
         targets: [frame, frame, point, 2] and
         confidence: [frame, frame, point], as in the pool.
         grid: rows and columns.
+        progress: show a progress bar.
     """
     height, width = frames.shape[1:3]
     count = grid[0] * grid[1]
     images, positions = evidence.in_units(frames), evidence.to_units(points[:, :count], height, width)
     scale = 256 / max(height, width)
-    found = evidence.motion_evidence(images, positions, first_points(targets, count), confidence[:, :, :count], scale)
+    links = first_points(targets, count), confidence[:, :, :count]
+    found = evidence.motion_evidence(images, positions, *links, scale, progress)
     return labelled_masks(images, (height, width), found, points, targets, confidence, grid)
 
 

@@ -11,6 +11,7 @@ flow is lost or has added up a larger error (`decomotion/data/linking.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
 from decomotion.data.intervals import couples_of
+from decomotion.data.stages import readable, write_array
 
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
@@ -63,33 +65,46 @@ class Matches:
 
 
 class MatchStore:
-    """The matches between all frames that are one of the configured gaps apart.
+    """The matches between all frames that are one of the configured gaps apart, on disk.
+
+    A file `<first>_<second>.npy` each, float32 [h, w, 3]: displacement and trust; a killed run's are found again.
 
     Args:
         clip: the frames.
         config: which gaps are matched, and how many neighbours have to agree.
-        progress: show a progress bar.
+        folder: of the files.
         neighbours: match neighbouring frames, too, unless nothing is matched.
     """
 
-    def __init__(self, clip: Clip, config: MatchingConfig, progress: bool, neighbours: bool = False) -> None:
+    def __init__(self, clip: Clip, config: MatchingConfig, folder: Path, neighbours: bool = False) -> None:
         self.intervals = tuple(gap for gap in config.intervals if gap < len(clip))
         """Gaps over which points are to be linked."""
         self.gaps = sorted({*self.intervals, *((1,) if neighbours and config.intervals else ())})
         """All that are matched."""
-        self._supporters = config.supporters
-        self._matches: dict[tuple[int, int], Matches] = {}
-        if not self.gaps:
+        self._clip, self._folder, self._supporters = clip, folder, config.supporters
+
+    def compute(self, progress: bool) -> None:
+        """Makes the matches that are not there yet."""
+        self._folder.mkdir(exist_ok=True)
+        couples = [couple for gap in self.gaps for couple in couples_of(gap, len(self._clip))]
+        missing = [
+            couple for couple in couples if not all(readable(self._file(*way)) for way in (couple, couple[::-1]))
+        ]
+        if not missing:
             return
-        maps = describe(clip)
-        pairs = [couple for gap in self.gaps for couple in couples_of(gap, len(clip))]
-        for first, second in tqdm(pairs, "match", disable=not progress, leave=False):
+        maps = describe(self._clip, progress)
+        for first, second in tqdm(missing, "match", disable=not progress, leave=False):
             forward, backward = self._both_ways(maps[first].float(), maps[second].float())
-            self._matches[first, second], self._matches[second, first] = forward, backward
+            for way, matches in (((first, second), forward), ((second, first), backward)):
+                write_array(self._file(*way), np.dstack([matches.displacement, matches.trusted]).astype(np.float32))
 
     def __call__(self, first: int, second: int) -> Matches:
         """From frame `first` to frame `second`."""
-        return self._matches[first, second]
+        content = np.load(self._file(first, second))
+        return Matches(content[..., :2], content[..., 2] > 0)
+
+    def _file(self, first: int, second: int) -> Path:
+        return self._folder / f"{first}_{second}.npy"
 
     def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
         with torch.inference_mode():
@@ -107,17 +122,17 @@ class MatchStore:
         return Matches(displacement.numpy(), trusted.numpy())
 
 
-def describe(clip: Clip) -> Float[Tensor, "frame h w channel"]:
+def describe(clip: Clip, progress: bool = False) -> Float[Tensor, "frame h w channel"]:
     """Descriptors of every frame, float16 of unit norm."""
     sift = DenseSift()
     sampled = range(0, len(clip), max(SAMPLE_STRIDE, -(-len(clip) // SAMPLE_FRAMES)))
     samples = {frame: _describe(clip.frames[frame], sift) for frame in sampled}
     reduce = fit_reduction(np.stack([sample[::2, ::2] for sample in samples.values()]), CHANNELS)
-    maps = []
-    for frame in range(len(clip)):
+    maps = torch.empty(len(clip), *samples[0].shape[:2], CHANNELS, dtype=torch.float16)
+    for frame in tqdm(range(len(clip)), "describe", disable=not progress, leave=False):
         described = samples.pop(frame) if frame in samples else _describe(clip.frames[frame], sift)
-        maps.append(torch.from_numpy(reduce(described).astype(np.float16)))
-    return torch.stack(maps)
+        maps[frame] = torch.from_numpy(reduce(described))
+    return maps
 
 
 def _describe(frame: npt.NDArray[np.uint8], sift: DenseSift) -> npt.NDArray[np.float32]:

@@ -24,8 +24,8 @@ def kept_memory() -> Iterator[None]:
 
     Does nothing where the C library is not glibc.
     """
-    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
-    if libc is None or not hasattr(libc, "mallopt") or not hasattr(libc, "malloc_trim"):
+    libc = _glibc()
+    if libc is None:
         yield
         return
     for option, value in _KEPT:
@@ -36,3 +36,15 @@ def kept_memory() -> Iterator[None]:
         for option, value in _USUAL:
             libc.mallopt(option, value)
         libc.malloc_trim(0)
+
+
+def give_back() -> None:
+    """What was kept and is not used goes back to the system: between parts that need memory of different shapes."""
+    libc = _glibc()
+    if libc is not None:
+        libc.malloc_trim(0)
+
+
+def _glibc() -> ctypes.CDLL | None:
+    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
+    return libc if libc is not None and hasattr(libc, "mallopt") and hasattr(libc, "malloc_trim") else None

@@ -24,6 +24,7 @@ def build_motion(
     grid: tuple[int, int],
     kind: str,
     given: npt.NDArray[np.bool_] | None,
+    progress: bool,
     folder: Path,
 ) -> dict[str, Any]:
     """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
@@ -36,13 +37,15 @@ def build_motion(
         grid: rows and columns of the jittered grid.
         kind: `auto`; `none` or `rigid-first`, for which nothing is known yet; or a folder's name.
         given: the user's masks [frame, H, W], where `kind` is a folder.
+        progress: show a progress bar.
         folder: of the stage.
     """
     if kind in WITHOUT_MASKS:
         moving = np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     else:
-        found = masks.auto_masks(clip.frames, points, targets, confidence, grid) if given is None else given
-        moving = moving_at(points, found)
+        if given is None:
+            given = masks.auto_masks(clip.frames, points, targets, confidence, grid, progress)
+        moving = moving_at(points, given)
     of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)

@@ -113,9 +113,12 @@ def open_pool(folders: Iterable[Path], longer_side: int) -> Pool:
     return Pool(**{**arrays, "targets": PackedPositions(arrays["targets"], longer_side)})
 
 
-def affordable_points(frames: int, channels: int, mebibytes: int) -> int:
-    """Points of each frame with which the pool of a clip, `channels` of features included, takes that much disk."""
-    per_target = 2 * 2 + 1  # packed position, confidence
+def affordable_points(frames: int, channels: int, mebibytes: int, filtered: bool = False) -> int:
+    """Points of each frame with which the pool of a clip, `channels` of features included, takes that much disk.
+
+    What is `filtered` has a second confidence.
+    """
+    per_target = 2 * 2 + 1 + filtered  # packed position, confidence
     per_point = frames * per_target + 2 * 4 + 3 + 1 + 2 * channels
     return int(mebibytes * 2**20 / (frames * per_point))
 

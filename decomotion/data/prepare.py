@@ -144,7 +144,7 @@ class _Work:
     def count(self) -> int:
         """Points of a frame that are linked, about: as many as wanted, or as the pool's limit on disk admits."""
         given = 0 if self.tracks is None else len(self.tracks)
-        limit = affordable_points(len(self.clip), self.channels, self.config.pool.disk_limit) - given
+        limit = affordable_points(len(self.clip), self.channels, self.config.pool.disk_limit, self.filters_on) - given
         wanted = self.config.pool.points_per_frame
         if limit < min(wanted, MIN_POINTS):
             what = f"{given} tracks leave" if given else "it leaves"
@@ -246,8 +246,9 @@ class _Work:
         points, targets, confidence = self.linked()
         if self.filters_on:
             confidence = np.load(self.filter.folder / "confidence.npy", mmap_mode="r")
-        grid = (self.grid.rows, self.grid.columns)
-        return build_motion(self.clip, points, targets, confidence, grid, self.config.masks, self.given_masks, folder)
+        grid, given = (self.grid.rows, self.grid.columns), self.given_masks
+        kind = self.config.masks
+        return build_motion(self.clip, points, targets, confidence, grid, kind, given, self.progress, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""

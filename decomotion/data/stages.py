@@ -156,3 +156,12 @@ def write_array(path: Path, values: npt.NDArray[Any]) -> None:
             np.save(file, values)
 
     write_whole(path, save)
+
+
+def readable(path: Path) -> bool:
+    """Whether a whole `.npy` file is there."""
+    try:
+        np.load(path, mmap_mode="r")
+    except (OSError, ValueError):
+        return False
+    return True

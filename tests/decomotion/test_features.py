@@ -15,7 +15,7 @@ from decomotion.data.features import FeatureExtractor, build_features
 from decomotion.data.features.aliked import AlikedFeatures
 from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import FEATURE_SIDE, resized
-from decomotion.data.features.reduction import fit_reduction
+from decomotion.data.features.reduction import Reduction, fit_reduction
 from decomotion.data.features.stage import build_feature_arrays, read_reduction
 from decomotion.errors import ConfigError, SupervisionError
 
@@ -227,3 +227,31 @@ class TestStage:
         assert vectors is not None
         assert vectors.shape == (5, 2)
         assert not (tmp_path / "described").exists()
+
+    @pytest.mark.parametrize("size", [0, 2])
+    def test_a_run_stopped_while_it_reduces_goes_on_there(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+    ):
+        points = np.random.default_rng(0).uniform(0, 7, (3, 20, 2)).astype(np.float32)
+        for name in ("whole", "stopped"):
+            (tmp_path / name).mkdir()
+        build_feature_arrays(self.clip(), points, self.Plain(), size, False, tmp_path / "whole")
+        reduce, reduced = Reduction.__call__, []
+
+        def stopped(self: Reduction, features: np.ndarray) -> np.ndarray:
+            reduced.append(len(features))
+            if len(reduced) == 2:
+                raise KeyboardInterrupt
+            return reduce(self, features)
+
+        describe = self.Plain()
+        with monkeypatch.context() as patch:
+            patch.setattr(Reduction, "__call__", stopped)
+            with pytest.raises(KeyboardInterrupt):
+                build_feature_arrays(self.clip(), points, describe, size, False, tmp_path / "stopped")
+        assert {file.name for file in (tmp_path / "stopped/described").iterdir()} == {"1.npy", "2.npy"}
+        build_feature_arrays(self.clip(), points, describe, size, False, tmp_path / "stopped")
+        assert describe.calls == 3
+        np.testing.assert_array_equal(
+            np.load(tmp_path / "stopped/feature.npy"), np.load(tmp_path / "whole/feature.npy")
+        )

@@ -49,9 +49,8 @@ def clip() -> Clip:
 
 
 def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowFields:
-    return FlowFields(
-        clip, estimator, MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), False), folder
-    )
+    matches = MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), folder / "matches")
+    return FlowFields(clip, estimator, matches, folder)
 
 
 def test_long_gaps_start_at_the_short_ones(clip: Clip, tmp_path: Path) -> None:

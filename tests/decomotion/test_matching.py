@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from decomotion.clip import Clip
 from decomotion.config import MatchingConfig
@@ -13,6 +16,8 @@ from decomotion.data.linking import Rematching, link
 from decomotion.data.matching import Matches, MatchStore, supporters
 
 HEIGHT, WIDTH = 96, 128
+
+Matched = Callable[..., MatchStore]
 
 
 def textured(seed: int) -> np.ndarray:
@@ -30,12 +35,18 @@ def clip_of(*frames: np.ndarray) -> Clip:
     return Clip("test", np.stack(frames), 24.0)
 
 
-def matched(*frames: np.ndarray) -> MatchStore:
-    return MatchStore(clip_of(*frames), MatchingConfig(intervals=(1, 2), supporters=10), progress=False)
+@pytest.fixture
+def matched(tmp_path: Path) -> Matched:
+    def between(*frames: np.ndarray) -> MatchStore:
+        store = MatchStore(clip_of(*frames), MatchingConfig(intervals=(1, 2), supporters=10), tmp_path / "matches")
+        store.compute(progress=False)
+        return store
+
+    return between
 
 
 @pytest.mark.parametrize(("down", "right"), [(8, 20), (7, 22), (1, -3)])
-def test_a_known_shift_is_found(down: int, right: int) -> None:
+def test_a_known_shift_is_found(matched: Matched, down: int, right: int) -> None:
     """In whole cells of 4 pixels, and between them."""
     image = textured(0)
     store = matched(image, np.roll(image, (down, right), axis=(0, 1)))
@@ -46,7 +57,7 @@ def test_a_known_shift_is_found(down: int, right: int) -> None:
     assert_allclose(np.median(backward.displacement[backward.trusted], axis=0) * cell, [-right, -down], atol=0.3)
 
 
-def test_a_frame_matches_itself_where_it_is() -> None:
+def test_a_frame_matches_itself_where_it_is(matched: Matched) -> None:
     image = textured(1)
     matches = matched(image, image)(0, 1)
     off = np.abs(matches.displacement[matches.trusted])
@@ -54,11 +65,11 @@ def test_a_frame_matches_itself_where_it_is() -> None:
     assert off.mean() < 0.1
 
 
-def test_other_content_is_not_trusted() -> None:
+def test_other_content_is_not_trusted(matched: Matched) -> None:
     assert matched(textured(2), textured(3))(0, 1).trusted.mean() < 0.05
 
 
-def test_gaps_that_a_clip_does_not_have_are_left_out() -> None:
+def test_gaps_that_a_clip_does_not_have_are_left_out(matched: Matched) -> None:
     assert matched(textured(4), textured(4)).intervals == (1,)
 
 
@@ -139,11 +150,33 @@ def test_a_match_is_refined_where_it_is_taken_and_seen() -> None:
     ("intervals", "neighbours", "gaps"), [((2,), True, [1, 2]), ((2,), False, [2]), ((), True, [])]
 )
 def test_neighbours_are_matched_on_demand_but_not_linked(
-    intervals: tuple[int, ...], neighbours: bool, gaps: list[int]
+    intervals: tuple[int, ...], neighbours: bool, gaps: list[int], tmp_path: Path
 ) -> None:
     image = textured(5)
     config = MatchingConfig(intervals=intervals, supporters=10)
-    store = MatchStore(clip_of(image, image, image), config, progress=False, neighbours=neighbours)
+    store = MatchStore(clip_of(image, image, image), config, tmp_path, neighbours=neighbours)
+    store.compute(progress=False)
     assert (store.intervals, store.gaps) == (intervals, gaps)
     for gap in gaps:
         assert store(0, gap).trusted.any()
+
+
+def test_what_is_there_is_not_matched_again(matched: Matched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = [textured(6), textured(7), textured(8)]
+    store = matched(*images)
+    expected = store(2, 1)
+    (tmp_path / "matches" / "2_1.npy").write_bytes(b"half")
+    asked: list[int] = []
+    both_ways = MatchStore._both_ways
+
+    def counted(self: MatchStore, a: torch.Tensor, b: torch.Tensor) -> tuple[Matches, Matches]:
+        asked.append(1)
+        return both_ways(self, a, b)
+
+    monkeypatch.setattr(MatchStore, "_both_ways", counted)
+    again = matched(*images)(2, 1)
+    assert len(asked) == 1
+    assert_array_equal(again.displacement, expected.displacement)
+    assert_array_equal(again.trusted, expected.trusted)
+    monkeypatch.setattr("decomotion.data.matching.describe", None)  # nothing is missing
+    matched(*images)

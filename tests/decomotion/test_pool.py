@@ -85,10 +85,11 @@ class TestPacking:
         np.testing.assert_allclose(np.asarray(unpacked), xy, atol=2e-3)
 
 
+@pytest.mark.parametrize("filtered", [False, True])
 @pytest.mark.parametrize(("frames", "channels"), [(32, 16), (100, 16), (100, 768), (300, 0)])
-def test_affordable_points_fill_the_limit(frames: int, channels: int):
-    points = affordable_points(frames, channels, 1024)
-    position, confidence, colour, mask = 4, 1, 3, 1
+def test_affordable_points_fill_the_limit(frames: int, channels: int, filtered: bool):
+    points = affordable_points(frames, channels, 1024, filtered)
+    position, confidence, colour, mask = 4, 1 + filtered, 3, 1
     size = frames * points * (frames * (position + confidence) + 8 + colour + mask + 2 * channels)
     assert size == pytest.approx(2**30, rel=1e-3)
     assert size <= 2**30

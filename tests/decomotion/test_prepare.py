@@ -365,8 +365,8 @@ class TestCache:
             return (1,)
 
         class Slow(MatchStore):
-            def __init__(self, *arguments: Any, **options: Any) -> None:
-                super().__init__(*arguments, **options)
+            def compute(self, progress: bool) -> None:
+                super().compute(progress)
                 clock[0] += 100.0
 
         clock = [0.0]
@@ -375,6 +375,32 @@ class TestCache:
         monkeypatch.setattr(correspondences, "choose_intervals", gaps)
         prepare(clip, config("data.features=none", "data.prepare_budget=180"), progress=False)
         assert asked == [80.0]
+
+    @pytest.mark.parametrize("at_once", [correspondences.LINKED_AT_ONCE, 20_000])
+    def test_links_go_on_after_the_part_that_was_done(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, at_once: int
+    ):
+        """In one block of points or in several, which are linked one by one."""
+        whole = prepare(clip, config("data.features=none"), progress=False)
+        expected = whole.targets[...], np.array(whole.confidence)
+        shutil.rmtree(preparation.cache_root())
+        monkeypatch.setattr(correspondences, "LINKED_AT_ONCE", at_once)
+        link, begun = correspondences.linking.link, []
+
+        def killed(*arguments: Any) -> Any:
+            begun.append(arguments[0].shape[1])
+            if len(begun) == 2:
+                raise KeyboardInterrupt
+            return link(*arguments)
+
+        monkeypatch.setattr(correspondences.linking, "link", killed)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(clip, config("data.features=none"), progress=False)
+        pool = prepare(clip, config("data.features=none"), progress=False)
+        np.testing.assert_array_equal(pool.targets[...], expected[0])
+        np.testing.assert_array_equal(pool.confidence, expected[1])
+        assert (len(begun) > 3) == (at_once == 20_000)
+        assert sum(begun[2:]) == 2 * pool.num_points - begun[0]
 
     def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)
