@@ -159,7 +159,7 @@ class Tracker:
     def sample(self, queries: npt.ArrayLike, *, chunk: int | None = None, max_memory: int | None = None) -> Appearance:
         """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3].
 
-        `max_memory` and `chunk` are those of `track`; one ray is rendered at once at least.
+        `max_memory` and `chunk` are those of `track`, and so is what is raised.
         """
         queries = check_queries(queries, self.facts)
         colours = np.empty((3, len(queries), 3), np.float32)

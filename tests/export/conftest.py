@@ -1,4 +1,4 @@
-"""Exported models: one from a fit, baked in two ways, and one of the paper's networks with random weights."""
+"""Exported models: a fit, baked in each way, and the paper's networks with random weights; in each precision."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from decomo_export import cli, export
+from decomo_export.baking import Bake
+from decomo_export.precision import Precision
 from decomotion import checkpoint
 from decomotion.checkpoint import FILE_NAME, ClipFacts
 from decomotion.config import load
@@ -27,25 +29,54 @@ def fitted(tiny_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Export:
 
 
 @pytest.fixture(scope="session")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """A model with the paper's networks in the place of grids, its weights random, exported through Python."""
-    folder = tmp_path_factory.mktemp("paper")
-    model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE), 0.05)
-    config = load("paper", overrides=TINY_PAPER)
-    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {"step": 1})
-    exported = export(folder / "model.onnx", folder, bake="none")
-    return Export(exported.path, folder, "", "none")
+def unbaked(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The fit with nothing baked."""
+    return exported_as(tmp_path_factory.mktemp("none") / "none.onnx", fitted.run, "none")
+
+
+@pytest.fixture(scope="session")
+def whole(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The fit with its canonical coordinates baked."""
+    return exported_as(tmp_path_factory.mktemp("full") / "full.onnx", fitted.run, "full")
 
 
 @pytest.fixture(scope="session")
 def canonical(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """The fit with its canonical coordinates baked, in half precision."""
-    path = tmp_path_factory.mktemp("full") / "full.onnx"
-    export(path, fitted.run, bake="full", precision="fp16", force=True)
-    return Export(path, fitted.run, "", "full")
+    """The same in half precision."""
+    return exported_as(tmp_path_factory.mktemp("half") / "half.onnx", fitted.run, "full", "fp16")
 
 
-@pytest.fixture(params=["fitted", "networks"])
+@pytest.fixture(scope="session")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """A model with the paper's networks in the place of grids, its weights random."""
+    folder = tmp_path_factory.mktemp("paper")
+    return exported_as(folder / "model.onnx", random_networks(folder), "none")
+
+
+@pytest.fixture(scope="session")
+def quantised(tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The same with a hidden layer that is wide enough for whole numbers."""
+    folder = tmp_path_factory.mktemp("wide")
+    wide = "{kind: gabor, width: 64, layers: 3, input_scale: 8.0, alpha: 3.0}"
+    run = random_networks(folder, f"model.static.field={wide}", f"model.dynamic.field={wide}")
+    return exported_as(folder / "model.onnx", run, "none", "int8")
+
+
+def random_networks(folder: Path, *overrides: str) -> Path:
+    """A run of the `paper` preset that was never fitted."""
+    config = load("paper", overrides=(*TINY_PAPER, *overrides))
+    model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE, overrides=overrides), 0.05)
+    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {"step": 1})
+    return folder
+
+
+def exported_as(path: Path, run: Path, bake: Bake, precision: Precision = "fp32") -> Export:
+    """`run` exported through Python."""
+    exported = export(path, run, bake=bake, precision=precision, force=precision != "fp32")
+    return Export(exported.path, run, "", bake)
+
+
+@pytest.fixture(params=["fitted", "unbaked", "whole", "networks"])
 def exported(request: pytest.FixtureRequest) -> Export:
-    """Either of the first two."""
+    """Any of those in full precision."""
     return request.getfixturevalue(request.param)

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 
-def test_browser_answers_as_python_does(chromium: Browser, exported: Export, tmp_path: Path):
+@pytest.mark.parametrize("name", ["fitted", "unbaked", "whole", "networks", "canonical", "quantised"])
+def test_browser_answers_as_python_does(chromium: Browser, name: str, tmp_path: Path, request: pytest.FixtureRequest):
+    """However baked, in every precision."""
+    exported: Export = request.getfixturevalue(name)
     queries = random_queries(40)
     text = "\n".join(["t,x,y", *(",".join(map(repr, map(float, query))) for query in queries)])
     (tmp_path / "queries.csv").write_text(f"{text}\n")

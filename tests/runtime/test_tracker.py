@@ -116,6 +116,8 @@ def test_memory_bounds_the_rays_that_are_rendered(write_model: Callable[..., Pat
 def test_too_little_memory(tracker: Tracker):
     with pytest.raises(QueryError, match="max_memory=1000 is too little: this model needs 32768 bytes for one point"):
         tracker.track(QUERIES, max_memory=1000)
+    with pytest.raises(QueryError, match="max_memory=1000 is too little: this model needs 16384 bytes for one point's"):
+        tracker.sample(QUERIES, max_memory=1000)
 
 
 @pytest.mark.parametrize("memory", [0, -1, 1.5, True, "1G"])
