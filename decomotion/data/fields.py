@@ -29,12 +29,10 @@ from decomotion.data.flow.interface import kept, to_raster
 from decomotion.data.intervals import couples_of
 from decomotion.data.linking import cycle_error
 from decomotion.data.matching import Matches, MatchStore
+from decomotion.data.pair_files import Couple, PairFiles
 from decomotion.data.sampling import bilinear
-from decomotion.data.stages import readable, write_array
 from decomotion.images import filled
 
-Couple = tuple[int, int]
-"""Two frames, the earlier one first."""
 BothWays = tuple[Field, Field]
 """From the earlier frame to the later one, and back."""
 
@@ -58,6 +56,10 @@ class FlowFields:
     matches: MatchStore
     folder: Path
 
+    @property
+    def _files(self) -> PairFiles:
+        return PairFiles(self.folder)
+
     def compute(self, gaps: Sequence[int], progress: bool, only: slice = slice(None)) -> int:
         """Makes the fields at `gaps`, ascending, that are not there yet; returns how many these gaps have.
 
@@ -65,7 +67,7 @@ class FlowFields:
         """
         self.folder.mkdir(exist_ok=True)
         couples = {gap: couples_of(gap, len(self.clip))[only] for gap in gaps}
-        missing = {gap: [couple for couple in couples[gap] if not self._are_there(couple)] for gap in gaps}
+        missing = {gap: [couple for couple in couples[gap] if not self._files.have(couple)] for gap in gaps}
         total, left = (2 * sum(len(part) for part in parts.values()) for parts in (couples, missing))
         with tqdm(total=total, initial=total - left, desc="flow", disable=not progress, leave=False) as bar:
             for gap in gaps:
@@ -76,20 +78,14 @@ class FlowFields:
 
     def __call__(self, first: int, second: int) -> Field:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
-        return np.load(self._file(first, second)).astype(np.float32)
-
-    def _file(self, first: int, second: int) -> Path:
-        return self.folder / f"{first}_{second}.npy"
-
-    def _are_there(self, couple: Couple) -> bool:
-        return all(readable(self._file(*way)) for way in (couple, couple[::-1]))
+        return self._files.read(first, second).astype(np.float32)
 
     def _make(self, couple: Couple, shorter: Sequence[int]) -> None:
         both = self._ask(couple, (None, None))
         if self.estimator.guided and (starts := self._starts(couple, shorter)) is not None:
             both = nearer(both, self._ask(couple, starts))
         for (first, second), field in zip((couple, couple[::-1]), both, strict=True):
-            write_array(self._file(first, second), field.astype(np.float16))
+            self._files.write(first, second, field.astype(np.float16))
 
     def _ask(self, couple: Couple, starts: tuple[Field | None, Field | None]) -> BothWays:
         frames = self.clip.frames

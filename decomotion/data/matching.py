@@ -28,7 +28,7 @@ from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
 from decomotion.data.intervals import couples_of
-from decomotion.data.stages import readable, write_array
+from decomotion.data.pair_files import PairFiles
 
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
@@ -81,30 +81,25 @@ class MatchStore:
         """Gaps over which points are to be linked."""
         self.gaps = sorted({*self.intervals, *((1,) if neighbours and config.intervals else ())})
         """All that are matched."""
-        self._clip, self._folder, self._supporters = clip, folder, config.supporters
+        self._clip, self._supporters, self._files = clip, config.supporters, PairFiles(folder)
 
     def compute(self, progress: bool) -> None:
         """Makes the matches that are not there yet."""
-        self._folder.mkdir(exist_ok=True)
+        self._files.folder.mkdir(exist_ok=True)
         couples = [couple for gap in self.gaps for couple in couples_of(gap, len(self._clip))]
-        missing = [
-            couple for couple in couples if not all(readable(self._file(*way)) for way in (couple, couple[::-1]))
-        ]
+        missing = [couple for couple in couples if not self._files.have(couple)]
         if not missing:
             return
         maps = describe(self._clip, progress)
         for first, second in tqdm(missing, "match", disable=not progress, leave=False):
             forward, backward = self._both_ways(maps[first].float(), maps[second].float())
             for way, matches in (((first, second), forward), ((second, first), backward)):
-                write_array(self._file(*way), np.dstack([matches.displacement, matches.trusted]).astype(np.float32))
+                self._files.write(*way, np.dstack([matches.displacement, matches.trusted]).astype(np.float32))
 
     def __call__(self, first: int, second: int) -> Matches:
         """From frame `first` to frame `second`."""
-        content = np.load(self._file(first, second))
+        content = self._files.read(first, second)
         return Matches(content[..., :2], content[..., 2] > 0)
-
-    def _file(self, first: int, second: int) -> Path:
-        return self._folder / f"{first}_{second}.npy"
 
     def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
         with torch.inference_mode():
