@@ -144,9 +144,9 @@ def main(
     known = read_clips(dataset, names(clips) or clips_of(rows), object_masks)
     jobs = []
     for row in rows:
-        config = row.config()
-        chosen = [clip for clip in known if clips or row.clips is None or clip in row.clips]
-        jobs += [Job(row, config, clip, seed) for seed in row.seeds for clip in chosen]
+        here = {clip: row.on(clip) for clip in known if clips or row.clips is None or clip in row.clips}
+        configs = {clip: each.config() for clip, each in here.items()}
+        jobs += [Job(here[clip], configs[clip], clip, seed) for seed in row.seeds for clip in here]
     # a record of another configuration stops the series here, not after hours
     left = [job for job in jobs if not is_done(job.place(out, ".json"), job.facts())]
     click.echo(f"{len(jobs)} fits, {len(jobs) - len(left)} of them done")

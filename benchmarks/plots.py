@@ -1,7 +1,7 @@
 """Plots of records, as PNG: accuracy against the time budget, and rows side by side clip by clip.
 
-    python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget \
-        --baseline benchmarks/results/baselines/chained-dis
+    python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget benchmarks/results/10m/cpu \
+        --clips car-shadow,dog --baseline benchmarks/results/baselines/chained-dis
     python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/10m benchmarks/results/baselines
 """
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUERY_MODE = "strided"
+FOLDERS = click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 TITLES = {column.title: column for column in COLUMNS}
 
 
@@ -95,20 +96,28 @@ def main() -> None:
 
 @main.command()
 @click.argument("picture", type=click.Path(path_type=Path))
-@click.argument("folder", type=click.Path(exists=True, path_type=Path))
+@FOLDERS
+@click.option("--clips", "names", help="Names, separated by commas.  [default: all]")
 @click.option("--baseline", type=click.Path(exists=True, path_type=Path), help="Folder of one row's records.")
-def budget(picture: Path, folder: Path, baseline: Path | None) -> None:
-    """Write PICTURE: accuracy of the records in FOLDER against their time budgets."""
-    records = [record for row in read_records(folder).values() for record in row if record.get("time_budget")]
+def budget(picture: Path, folders: tuple[Path, ...], names: str | None, baseline: Path | None) -> None:
+    """Write PICTURE: accuracy of the records in FOLDERS against their time budgets, rows of one budget together."""
+    wanted = names.split(",") if names else None
+    records = [
+        record
+        for folder in folders
+        for row in read_records(folder).values()
+        for record in row
+        if record.get("time_budget") and (wanted is None or record["clip"] in wanted)
+    ]
     if not records:
-        raise click.UsageError(f"{folder} holds no records with a time budget")
+        raise click.UsageError(f"there are no such records with a time budget in {', '.join(map(str, folders))}")
     levels = [record for row in (read_records(baseline) if baseline else {}).values() for record in row]
     save(budget_figure(records, levels, (AJ, POSITION)), picture)
 
 
 @main.command()
 @click.argument("picture", type=click.Path(path_type=Path))
-@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@FOLDERS
 @click.option("--metric", type=click.Choice(list(TITLES)), default=AJ.title, show_default=True)
 def clips(picture: Path, folders: tuple[Path, ...], metric: str) -> None:
     """Write PICTURE: the rows of FOLDERS side by side, clip by clip."""

@@ -28,7 +28,7 @@ class Row(BaseModel):
     """Names the folder of its records."""
     preset: str = "cpu"
     overrides: tuple[str, ...] = ()
-    """`key=value`, as `decomo-train --set` takes them."""
+    """`key=value`, as `decomo-train --set` takes them; `{clip}` stands for the clip's name."""
     clips: tuple[str, ...] | None = None
     """Default: all of the dataset."""
     seeds: tuple[int, ...] = (0,)
@@ -44,6 +44,10 @@ class Row(BaseModel):
         if (self.time_budget is None) == (self.steps is None):
             raise ValueError("a row has either a time_budget or a number of steps")
         return self
+
+    def on(self, clip: str) -> Row:
+        """The row for one clip."""
+        return self.model_copy(update={"overrides": tuple(part.replace("{clip}", clip) for part in self.overrides)})
 
     def config(self) -> Config:
         """The resolved configuration. Raises `decomotion.errors.ConfigError`."""

@@ -13,9 +13,14 @@ import pytest
 import accuracy
 import baselines
 import plots
+import supplied
 import table
 from decomo_eval.predictions import Prediction
+from decomotion import config as configuration
 from decomotion.console import run
+from decomotion.data.flow import build_flow
+from decomotion.data.intervals import pairs_of
+from decomotion.data.masks import read_masks
 from harness import clips, records
 from harness.series import Row, read_series
 from tiny_fit import TINY_CPU, sliding_square, write_truth
@@ -36,6 +41,12 @@ def test_defaults_are_of_rows_that_do_not_say_otherwise(tmp_path: Path):
     path.write_text("defaults: {time_budget: 3m, clips: [a]}\nrows: [{name: x}, {name: y, clips: [b], seeds: [0, 1]}]")
     x, y = read_series(path).rows
     assert (x.clips, y.clips, x.time_budget, y.seeds) == (("a",), ("b",), "3m", (0, 1))
+
+
+def test_a_row_names_files_by_clip():
+    row = Row(name="x", steps=1, overrides=("data.masks=supplied/{clip}/masks", "data.features=none"))
+    assert row.on("goat").overrides == ("data.masks=supplied/goat/masks", "data.features=none")
+    assert row.on("goat").config().data.masks == "supplied/goat/masks"
 
 
 @pytest.mark.parametrize(
@@ -105,6 +116,19 @@ def dataset(tmp_path: Path) -> list[str]:
     np.savez(tmp_path / "masks.npz", sliding=masks)
     truth = write_truth(clip, tmp_path / "truth.pkl")
     return [str(truth), "--object-masks", str(tmp_path / "masks.npz")]
+
+
+def test_supplied_files_are_such_as_preparation_takes(dataset: list[str], tmp_path: Path):
+    truth, _, masks = dataset
+    assert run(supplied.main, [truth, masks, str(tmp_path / "out")]) == 0
+    clip = clips.read_clips(truth, None, Path(masks))["sliding"]
+    frames, height, width = clip.video.num_frames, clip.video.height, clip.video.width
+    here = tmp_path / "out" / "sliding"
+    np.testing.assert_array_equal(read_masks(here / "masks", frames, height, width), clip.object_masks)
+    settings = f"{{kind: folder, path: '{here}/flow', field_side: 512, intervals: geometric, longest_interval: 8}}"
+    flow = build_flow(configuration.load("cpu", overrides=(f"data.flow={settings}",)).data.flow)
+    flow.require(pairs_of(tuple(gap for gap in supplied.GAPS if gap < frames), frames))
+    assert flow(clip.video.frames()[0], clip.video.frames()[1], (0, 1)).shape == (height, width, 2)
 
 
 def test_baselines_then_tables_and_plots(dataset: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]):
