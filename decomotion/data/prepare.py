@@ -32,6 +32,8 @@ from decomotion.errors import SupervisionError
 
 log = logging.getLogger(__name__)
 
+PLACES = {"path", "weights"}
+"""Settings of flow that say where files lie: their content counts, not their names."""
 VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
@@ -182,7 +184,7 @@ class _Work:
         config = self.config
         return self.stage(
             "links",
-            flow=config.flow.model_dump(mode="json"),
+            flow=config.flow.model_dump(mode="json", exclude=PLACES),
             given=self.digest_of_flow(),
             budget=config.prepare_budget if isinstance(config.flow.intervals, str) else None,
             points=self.count,

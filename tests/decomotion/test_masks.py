@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from decomotion.data.masks import auto_masks, read_masks
 from decomotion.data.pool import grid_shape, jittered_grid
@@ -189,6 +190,14 @@ class TestRead:
         labels[2, 3] = 1
         cv2.imwrite(str(tmp_path / "0.png"), labels)
         assert np.argwhere(read_masks(tmp_path, 1, 4, 6)[0]).tolist() == [[2, 3]]
+
+    def test_palettes_as_of_davis(self, tmp_path: Path):
+        drawn = np.zeros((4, 6), np.uint8)
+        drawn[0, 1], drawn[2, 3] = 1, 2
+        image = Image.fromarray(drawn, mode="P")
+        image.putpalette([0, 0, 0, 128, 0, 0, 0, 128, 0])
+        image.save(tmp_path / "0.png")
+        np.testing.assert_array_equal(read_masks(tmp_path, 1, 4, 6)[0], drawn > 0)
 
     def test_the_ringing_of_a_jpeg_is_black(self, tmp_path: Path):
         drawn = np.zeros((32, 32), np.uint8)

@@ -412,13 +412,21 @@ class TestCache:
         plain = config()
         plain = plain.model_copy(update={"flow": plain.flow.model_copy(update={"guided": False})})
         pool, estimate = prepare(clip, plain, progress=False), DisFlow(plain.flow)  # type: ignore[arg-type]
+        given = tmp_path / "given"
+        given.mkdir()
         for gap in (1, 2, 4):
             for first in range(FRAMES):
                 for second in (first - gap, first + gap):
                     if 0 <= second < FRAMES:
                         field = estimate(clip.frames[first], clip.frames[second])
-                        np.save(tmp_path / f"{first}_{second}.npy", field)
-        settings = load("cpu", overrides=("data.feature_size=4", *TINY[1:]), flow=str(tmp_path)).data
-        from_folder = prepare(clip, settings, progress=False)
+                        np.save(given / f"{first}_{second}.npy", field)
+
+        def settings(folder: Path) -> DataConfig:
+            return load("cpu", overrides=("data.feature_size=4", *TINY[1:]), flow=str(folder)).data
+
+        builds.clear()
+        from_folder = prepare(clip, settings(given), progress=False)
         np.testing.assert_array_equal(from_folder.confidence, pool.confidence)
         np.testing.assert_array_equal(from_folder.targets[...], pool.targets[...])
+        prepare(clip, settings(given.rename(tmp_path / "moved")), progress=False)
+        assert builds == ["links", "motion"]  # its content counts, not its name
