@@ -1,8 +1,9 @@
 """Plots of records, as PNG: accuracy against the time budget, and rows side by side clip by clip.
 
-    python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget benchmarks/results/10m/cpu \
+    python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget benchmarks/results/{3m,10m}/cpu \
         --clips car-shadow,dog --baseline benchmarks/results/baselines/chained-dis
-    python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/10m benchmarks/results/baselines
+    python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/10m \
+        benchmarks/results/baselines/{chained,linked}-dis
 """
 
 from __future__ import annotations

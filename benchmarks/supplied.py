@@ -4,7 +4,7 @@
         --models models --clips dog,horsejump-high
 
 Into OUT/<clip>: `masks`, those that people drew (DAVIS); `flow`, OpenCV's DIS with its `medium` preset on the frames as
-they are, at gaps 1, 2, 4 and 8; and, where `--models` holds <clip>.onnx, `tracks.npz`, that model's answers on a grid.
+they are, at gaps 1, 2, 4 and 8; and, with `--models`, `tracks.npz`, those of <clip>.onnx there on a grid of points.
 """
 
 from __future__ import annotations
