@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from decomotion.model.fusion import DecoMotion, PairConditioning
@@ -44,19 +44,27 @@ def surface_of(
 ) -> Surface:
     """The surface that the rays through pixels `xy` meet, in the frames of `conditioning` (row by row, or row `frame`).
 
-    The volume with the larger share of the fused weight owns the pixel. Its samples' depths are averaged by weight, and
+    The dynamic volume owns the pixel where its share of the fused weight is above `object_share`, the static one
+    elsewhere. The owner's samples' depths are averaged by weight, and
     the ray's point at that depth is mapped to canonical space. Averaging the samples' canonical positions instead would
     leave the surface, since the map bends the ray; averaging over both volumes, as in training, would put points of an
     object's outline between the object and the scene.
     """
     rays = model.cast(xy, conditioning, frame)
-    is_static = rays.fused_static.sum(-1) >= rays.fused_dynamic.sum(-1)
+    is_static = static_owns(rays.fused_static.sum(-1), rays.fused_dynamic.sum(-1), model.config.object_share)
     weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
     points = lift(model.plane.normalise(xy), depth[..., None])[..., 0, :]
     u = model.static.to_canonical(points, conditioning.static, frame)
     v = model.dynamic.to_canonical(points, conditioning.dynamic, frame)
     return Surface(torch.where(is_static[..., None], u, v), is_static)
+
+
+def static_owns(
+    static: Float[Tensor, "*batch"], dynamic: Float[Tensor, "*batch"], object_share: float
+) -> Bool[Tensor, "*batch"]:
+    """Whether pixels belong to the static volume, from both volumes' fused weights; it has those of no weight."""
+    return object_share * static >= (1 - object_share) * dynamic
 
 
 def carry(

@@ -177,6 +177,7 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_FPS: repr(clip.fps),
         contract.META_PRESET: loaded.config.preset,
         contract.META_OCCLUSION_THRESHOLD: repr(OCCLUSION_THRESHOLD),
+        contract.META_OBJECT_SHARE: repr(loaded.config.model.object_share),
         contract.META_WRITER_VERSION: decomotion.__version__,
         contract.META_BAKE: graph.bake,
         contract.META_PRECISION: precision,

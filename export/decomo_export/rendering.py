@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from decomo_export.frozen import FrozenVolume, Matter
 from decomotion.compositing import composite_weights, fused_weights, thickened
 from decomotion.model.fusion import DecoMotion
+from decomotion.model.readout import static_owns
 from decomotion.model.volume import Volume
 from decomotion.rays import sample_depths
 
@@ -51,15 +52,17 @@ class FrozenRays:
     matter: tuple[Matter, ...]
     """Of the static, then the dynamic volume, as all that follow."""
     weights: tuple[Float[Tensor, "point sample"], ...]
+    object_share: float
+    """Of the configuration."""
 
     def shares(self) -> list[Float[Tensor, " point"]]:
         """Each volume's share of the fused weight."""
         return [weights.sum(-1) for weights in self.weights]
 
     def is_static(self) -> Bool[Tensor, " point"]:
-        """Whether the static volume owns the pixel: whether its share is the larger."""
+        """Whether the static volume owns the pixel."""
         static, dynamic = self.shares()
-        return static >= dynamic
+        return static_owns(static, dynamic, self.object_share)
 
     def depth(self) -> Float[Tensor, " point"]:
         """Pseudo-depth of the fused ray."""
@@ -138,7 +141,7 @@ class FrozenModel(nn.Module):
         static, dynamic = matter
         beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
-        return FrozenRays(depths, tuple(matter), tuple(weights))
+        return FrozenRays(depths, tuple(matter), tuple(weights), self.config.object_share)
 
     def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
         """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""

@@ -81,7 +81,8 @@ def track(
     tracker = Tracker(model)
     queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
     if on is not None:
-        queries = queries[(tracker.sample(queries).static_confidence >= 0.5) == (on == STATIC)]
+        is_static = tracker.sample(queries).static_confidence >= 1 - tracker.facts.object_share
+        queries = queries[is_static == (on == STATIC)]
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     clip = None
     if clip_path is not None:

@@ -36,6 +36,8 @@ class ModelFacts:
     preset: str
     occlusion_threshold: float
     """A point is occluded where its occlusion score is above this."""
+    object_share: float = 0.5
+    """A point is one of an object where 1 - its static confidence is above this; the default is for older files."""
     bytes_per_ray: int = 16384
     """Working memory, roughly, of one query in one frame; the default is for files that do not say."""
     bytes_per_rendered_ray: int = 16384
@@ -102,6 +104,13 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         preset=_text(metadata, contract.META_PRESET, path),
         occlusion_threshold=_number(
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
+        ),
+        object_share=_number(
+            {contract.META_OBJECT_SHARE: repr(ModelFacts.object_share), **metadata},
+            contract.META_OBJECT_SHARE,
+            path,
+            float,
+            lambda value: 0 <= value < 1,
         ),
         bytes_per_ray=bytes_per_ray,
         bytes_per_rendered_ray=_bytes(metadata, contract.META_BYTES_PER_RENDERED_RAY, path, rendered),

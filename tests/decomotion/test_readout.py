@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.readout import Answer, answer, carry, surface_of
+from decomotion.model.readout import Answer, answer, carry, static_owns, surface_of
 from decomotion.model.volume import Matter
 from tiny_fit import randomised, tiny_model
 
@@ -93,6 +93,12 @@ def test_the_surface_is_a_point_of_the_ray():
     frame, xy = QUERIES[:, 0].long(), QUERIES[:, None, 1:]
     surface = surface_of(model, xy, conditioning, frame)
     torch.testing.assert_close(carry(model, surface, conditioning, frame), xy, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.5, [True, True, False, True]), (0.1, [True, False, False, True])])
+def test_below_a_half_an_object_owns_where_it_has_the_smaller_share(share: float, expected: list[bool]):
+    static, dynamic = torch.tensor([[0.92, 0.6, 0.2, 0.0], [0.08, 0.3, 0.6, 0.0]])
+    assert static_owns(static, dynamic, share).tolist() == expected
 
 
 @both_presets

@@ -66,12 +66,18 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
 
 
-@pytest.mark.parametrize(("on", "frames"), [("dynamic", [0, 2]), ("static", [3, 5])])
-def test_points_on_objects_or_on_the_scene_only(model_path: Path, tmp_path: Path, on: str, frames: list[int]):
+@pytest.mark.parametrize(
+    ("share", "on", "frames"),
+    [(None, "dynamic", [0, 2]), (None, "static", [3, 5]), ("0.3", "dynamic", [0, 2, 3]), ("0.3", "static", [5])],
+)
+def test_points_on_objects_or_on_the_scene_only(
+    write_model: Callable[..., Path], tmp_path: Path, share: str | None, on: str, frames: list[int]
+):
     """The tiny model's static confidence is t / 6."""
     out = tmp_path / "tracks.npz"
+    model = write_model({contract.META_OBJECT_SHARE: share})
     points = [part for frame in (0, 2, 3, 5) for part in ("--point", f"{frame},3,4")]
-    assert main([str(model_path), *points, "--on", on, "--out", str(out)]) == 0
+    assert main([str(model), *points, "--on", on, "--out", str(out)]) == 0
     assert Tracks.load(out).queries[:, 0].tolist() == frames
 
 

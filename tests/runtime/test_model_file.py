@@ -14,6 +14,7 @@ from decomo_runtime.model_file import open_session
 
 WriteModel = Callable[..., Path]
 OPTIONAL = (
+    contract.META_OBJECT_SHARE,
     contract.META_FORMAT_VERSION,  # without it the file is not ours
     contract.META_WRITER_VERSION,
     contract.META_BYTES_PER_RAY,
@@ -133,6 +134,7 @@ def test_lacking_metadata(write_model: WriteModel, key: str):
         (contract.META_FPS, "0"),
         (contract.META_OCCLUSION_THRESHOLD, "1.5"),
         (contract.META_OCCLUSION_THRESHOLD, ""),
+        (contract.META_OBJECT_SHARE, "1"),
     ],
 )
 def test_impossible_metadata(write_model: WriteModel, key: str, value: str):
