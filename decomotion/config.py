@@ -162,9 +162,6 @@ class DataConfig(Leaf):
     masks: str
     """`auto` (what the camera's motion does not explain), `rigid-first` (what a static volume does not), `none`, or a
     folder of mask images (white: moving)."""
-    mask_rim: float = Field(default=0.0, ge=0)
-    """Pixels of a 256-pixel frame by which the segmentation loss widens the masks: outlines, drawn from points some
-    pixels apart, lose what is thin, and a fitted object extends to its rim by itself."""
 
     @model_validator(mode="after")
     def _consistent(self) -> DataConfig:
@@ -304,9 +301,6 @@ class ModelConfig(Leaf):
     feature_field: GaborFieldConfig | GridFieldConfig = Field(discriminator="kind")
     occlusion_scale: float = Field(gt=0)
     """Cycle error at which the occlusion score is 0.5, in pixels of a 256-pixel frame."""
-    object_share: float = Field(default=0.5, ge=0, lt=1)
-    """The dynamic volume owns a pixel where its share of the fused weight is above this. Below a half, the blurred rim
-    of an object goes with the object."""
 
 
 class OptimConfig(Leaf):

@@ -72,17 +72,17 @@ def rigid_residual(model: DecoMotion, pool: Pool) -> npt.NDArray[np.float32]:
     return np.stack(residual)
 
 
-def seeded(pool: Pool, clip: Clip, grid: tuple[int, int], model: DecoMotion, rim: float = 0.0) -> Pool:
+def seeded(pool: Pool, clip: Clip, grid: tuple[int, int], model: DecoMotion) -> Pool:
     """The pool with `moving` and `object` from what `model`, a static volume alone, cannot explain.
 
-    `grid` is that of the pool's first points, `rim` is `DataConfig.mask_rim`.
+    `grid` is that of the pool's first points.
     """
     count = grid[0] * grid[1]
     residual = rigid_residual(model, pool)[:, :count]
     found = Evidence(residual, np.full_like(residual, CHANGE_RANGE[1]))  # the model's word is taken as it is
     images, size = in_units(clip.frames), (clip.height, clip.width)
     masks = labelled_masks(images, size, found, pool.points, pool.targets, pool.confidence, grid)
-    moving = moving_at(pool.points, masks, rim)
+    moving = moving_at(pool.points, masks)
     _, of_object = closed_form(clip, pool.points, pool.targets, pool.confidence, moving)
     return dataclasses.replace(pool, moving=moving, object=of_object)
 

@@ -146,7 +146,7 @@ def _rigid_stage(run: Run, clip: Clip, grid: tuple[int, int], progress: bool) ->
     before = first.elapsed
     with _says_how_to_resume(run.folder):
         first.loop(time.monotonic(), progress)
-    pool = rigid.seeded(run.pool, clip, grid, first.model, run.config.data.mask_rim)
+    pool = rigid.seeded(run.pool, clip, grid, first.model)
     rigid.save_motion(run.folder, pool)
     model = _model(run.config, clip, pool, run.device, run.seed)
     model.load_state_dict(first.model.state_dict(), strict=False)  # the static volume goes on from there

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Generator, Tensor
 
 from decomotion.config import OptimConfig
-from decomotion.data.pool import RIM, UNKNOWN_MOTION, Pool
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,6 @@ class Batch:
     """The dense feature at `xy`, of unit norm."""
     moving: Float[Tensor, "pair point"]
     """The motion mask M at `xy`: 1 on what moves."""
-    claimed: Float[Tensor, "pair point"]
-    """The same with the rims of what moves."""
     masked: Float[Tensor, "pair point"]
     """1 where there is a motion mask, 0 where M is not known."""
 
@@ -98,7 +96,6 @@ class Sampler:
             rgb=_tensor(pool.rgb[i, p]) / 255,
             feature=_tensor(pool.feature[i, p]),
             moving=_tensor(moving == 1),
-            claimed=_tensor((moving == 1) | (moving == RIM)),
             masked=_tensor(moving != UNKNOWN_MOTION),
         )
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import Clip
 from decomotion.data import camera, masks
-from decomotion.data.pool import RIM, UNKNOWN_MOTION, Positions
+from decomotion.data.pool import UNKNOWN_MOTION, Positions
 
 WITHOUT_MASKS = ("none", "rigid-first")
 """Kinds of masks that preparation leaves open: the fit goes without, or finds its own (`decomotion/rigid.py`)."""
@@ -25,7 +24,6 @@ def build_motion(
     grid: tuple[int, int],
     kind: str,
     given: npt.NDArray[np.bool_] | None,
-    rim: float,
     progress: bool,
     folder: Path,
 ) -> dict[str, Any]:
@@ -39,7 +37,6 @@ def build_motion(
         grid: rows and columns of the jittered grid.
         kind: `auto`; `none` or `rigid-first`, for which nothing is known yet; or a folder's name.
         given: the user's masks [frame, H, W], where `kind` is a folder.
-        rim: `DataConfig.mask_rim`.
         progress: show a progress bar.
         folder: of the stage.
     """
@@ -48,27 +45,18 @@ def build_motion(
     else:
         if given is None:
             given = masks.auto_masks(clip.frames, points, targets, confidence, grid, progress)
-        moving = moving_at(points, given, rim)
+        moving = moving_at(points, given)
     of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
     return {"moving": None if kind in WITHOUT_MASKS else float((moving == 1).mean())}
 
 
-def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_], rim: float = 0.0) -> npt.NDArray[np.uint8]:
-    """Masks [frame, H, W] read at points [frame, point, 2] in pixels: [frame, point], the values of `Pool.moving`.
-
-    What is not in a mask but within `rim`, pixels of a 256-pixel frame, of one is `RIM`.
-    """
-    pixels = rim * max(given.shape[1:]) / 256
+def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """Masks [frame, H, W] read at points [frame, point, 2] in pixels: [frame, point], 1 on what moves."""
     nearest = np.round(points).astype(np.int64)
-    labels = []
-    for mask, at in zip(given, nearest, strict=True):
-        label = mask.astype(np.uint8)
-        if pixels and mask.any():
-            label[(cv2.distanceTransform(1 - label, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= pixels) & ~mask] = RIM
-        labels.append(label[at[:, 1], at[:, 0]])
-    return np.stack(labels)
+    frame = np.arange(len(points))[:, None]
+    return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)
 
 
 def closed_form(
@@ -82,12 +70,10 @@ def closed_form(
 
     Points of unknown motion count for both.
     """
-    usable, unknown = confidence > 0, moving == UNKNOWN_MOTION
+    usable = confidence > 0
     unit = max(clip.height, clip.width) / 256
-    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)  # the rim is of the scene
-    of_object = camera.chain(
-        points, targets, usable & (unknown | (moving == 1))[:, None], unit, similarity=True, fallback=of_scene
-    )
+    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
+    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
     return (
         camera.to_normalised(of_scene, clip.height, clip.width),
         camera.to_normalised(of_object, clip.height, clip.width),

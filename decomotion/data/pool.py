@@ -7,8 +7,7 @@ Each array is a `.npy` file in the folder of the stage that made it, memory-mapp
     confidence  uint8   [T, T, P]       255: certain; 0: hidden, outside or unknown
     rgb         uint8   [T, P, 3]       the clip's colour there
     feature     float16 [T, P, C]       the dense feature there, of unit norm; C may be 0
-    moving      uint8   [T, P]          1 on what moves relative to the static scene, 0 on the scene, 2 unknown,
-                                        3 on the scene at the rim of what moves
+    moving      uint8   [T, P]          1 on what moves relative to the static scene, 0 on the scene, 2 unknown
     camera      float32 [T, 2, 3]       affine map to the middle frame T // 2, normalised coordinates
     object      float32 [T, 2, 3]       the same for what moves
 """
@@ -23,8 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-UNKNOWN_MOTION, RIM = 2, 3
-"""Values of `moving` where there is no motion mask, and on the scene within `data.mask_rim` of what moves."""
+UNKNOWN_MOTION = 2
+"""Value of `moving` where there is no motion mask."""
 
 PACKED_FROM, PACKED_TO = -1.0, 2.0
 """Positions are packed between these, in lengths of the frame's longer side; what lies beyond is moved there."""

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 4}
+VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 FIT_SHARE = 0.75
@@ -220,7 +220,6 @@ class _Work:
             links=self.filter.key if self.filters_on else self.links.made,
             kind=kind,
             given=None if given is None else hashlib.sha256(np.packbits(given).tobytes()).hexdigest(),
-            rim=self.config.mask_rim,
         )
 
     def digest_of_flow(self) -> str | None:
@@ -250,8 +249,8 @@ class _Work:
         if self.filters_on:
             confidence = np.load(self.filter.folder / "confidence.npy", mmap_mode="r")
         grid, given = (self.grid.rows, self.grid.columns), self.given_masks
-        kind, rim = self.config.masks, self.config.mask_rim
-        return build_motion(self.clip, points, targets, confidence, grid, kind, given, rim, self.progress, folder)
+        kind = self.config.masks
+        return build_motion(self.clip, points, targets, confidence, grid, kind, given, self.progress, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""

@@ -38,7 +38,7 @@ LOSSES: dict[str, Loss] = {
     "photometric_static": lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving),
     "photometric_fused": lambda p, b: photometric_loss(p.fused_rgb, b.rgb, b.moving.new_ones(b.moving.shape)),
     "feature": lambda p, b: feature_loss(p.dynamic_feature, b.feature, b.moving),
-    "segmentation": lambda p, b: segmentation_loss(p.static_confidence, b.claimed, b.masked),
+    "segmentation": lambda p, b: segmentation_loss(p.static_confidence, b.moving, b.masked),
     "scene_flow": lambda p, b: scene_flow_loss(p.acceleration),
     "distortion": lambda p, b: (
         distortion_loss(p.static_weights, p.depths, NEAR, FAR) + distortion_loss(p.dynamic_weights, p.depths, NEAR, FAR)

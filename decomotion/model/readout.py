@@ -15,6 +15,10 @@ from torch import Tensor
 from decomotion.model.fusion import DecoMotion, PairConditioning
 from decomotion.rays import lift
 
+OBJECT_SHARE = 0.1
+"""The dynamic volume owns a pixel where its share of the fused weight is above this: the blurred rim of an object goes
+with the object (M45 in docs/experiments.md)."""
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -44,14 +48,14 @@ def surface_of(
 ) -> Surface:
     """The surface that the rays through pixels `xy` meet, in the frames of `conditioning` (row by row, or row `frame`).
 
-    The dynamic volume owns the pixel where its share of the fused weight is above `object_share`, the static one
-    elsewhere. The owner's samples' depths are averaged by weight, and
-    the ray's point at that depth is mapped to canonical space. Averaging the samples' canonical positions instead would
-    leave the surface, since the map bends the ray; averaging over both volumes, as in training, would put points of an
-    object's outline between the object and the scene.
+    The dynamic volume owns the pixel where its share of the fused weight is above `OBJECT_SHARE`, the static one
+    elsewhere. The depths of the owner's samples are averaged by weight, and the ray's point at that depth is mapped to
+    canonical space. Averaging the samples' canonical positions instead would leave the surface, since the map bends the
+    ray; averaging over both volumes, as in training, would put points of an object's outline between the object and
+    the scene.
     """
     rays = model.cast(xy, conditioning, frame)
-    is_static = static_owns(rays.fused_static.sum(-1), rays.fused_dynamic.sum(-1), model.config.object_share)
+    is_static = static_owns(rays.fused_static.sum(-1), rays.fused_dynamic.sum(-1))
     weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
     points = lift(model.plane.normalise(xy), depth[..., None])[..., 0, :]
@@ -60,11 +64,9 @@ def surface_of(
     return Surface(torch.where(is_static[..., None], u, v), is_static)
 
 
-def static_owns(
-    static: Float[Tensor, "*batch"], dynamic: Float[Tensor, "*batch"], object_share: float
-) -> Bool[Tensor, "*batch"]:
+def static_owns(static: Float[Tensor, "*batch"], dynamic: Float[Tensor, "*batch"]) -> Bool[Tensor, "*batch"]:
     """Whether pixels belong to the static volume, from both volumes' fused weights; it has those of no weight."""
-    return object_share * static >= (1 - object_share) * dynamic
+    return OBJECT_SHARE * static >= (1 - OBJECT_SHARE) * dynamic
 
 
 def carry(

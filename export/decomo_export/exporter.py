@@ -24,6 +24,7 @@ from decomo_runtime import contract
 from decomotion import checkpoint
 from decomotion.checkpoint import Checkpoint
 from decomotion.files import replacing
+from decomotion.model.readout import OBJECT_SHARE
 from decomotion.shots import runs_of_shots
 
 OCCLUSION_THRESHOLD = 0.5
@@ -177,7 +178,7 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_FPS: repr(clip.fps),
         contract.META_PRESET: loaded.config.preset,
         contract.META_OCCLUSION_THRESHOLD: repr(OCCLUSION_THRESHOLD),
-        contract.META_OBJECT_SHARE: repr(loaded.config.model.object_share),
+        contract.META_OBJECT_SHARE: repr(OBJECT_SHARE),
         contract.META_WRITER_VERSION: decomotion.__version__,
         contract.META_BAKE: graph.bake,
         contract.META_PRECISION: precision,

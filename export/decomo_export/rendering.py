@@ -52,8 +52,6 @@ class FrozenRays:
     matter: tuple[Matter, ...]
     """Of the static, then the dynamic volume, as all that follow."""
     weights: tuple[Float[Tensor, "point sample"], ...]
-    object_share: float
-    """Of the configuration."""
 
     def shares(self) -> list[Float[Tensor, " point"]]:
         """Each volume's share of the fused weight."""
@@ -62,7 +60,7 @@ class FrozenRays:
     def is_static(self) -> Bool[Tensor, " point"]:
         """Whether the static volume owns the pixel."""
         static, dynamic = self.shares()
-        return static_owns(static, dynamic, self.object_share)
+        return static_owns(static, dynamic)
 
     def depth(self) -> Float[Tensor, " point"]:
         """Pseudo-depth of the fused ray."""
@@ -141,7 +139,7 @@ class FrozenModel(nn.Module):
         static, dynamic = matter
         beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
-        return FrozenRays(depths, tuple(matter), tuple(weights), self.config.object_share)
+        return FrozenRays(depths, tuple(matter), tuple(weights))
 
     def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
         """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""

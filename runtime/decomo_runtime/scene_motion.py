@@ -28,8 +28,8 @@ KEY_FRAMES, KEY_FRAME_GAP = 4, 12
 """Frames in which points of the scene are picked: at least so many, and at least one in so many frames."""
 POINTS_ALONG = 24
 """Points along the longer side of a key frame."""
-SURELY_STATIC = 0.8
-"""Static confidence above which a point is taken for the scene."""
+SURELY_STATIC = 0.9
+"""Static confidence above which a point is taken for the scene; an object owns what it has a tenth of."""
 
 _LEAST_POINTS = 12
 """Fewer common points do not tell the motion between two frames."""

@@ -10,7 +10,7 @@ import torch
 
 from decomotion.config import OptimConfig, load
 from decomotion.data.batch import Batch, Sampler
-from decomotion.data.pool import RIM, UNKNOWN_MOTION, Pool
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
 
 FRAMES, POINTS = 6, 40
 
@@ -85,14 +85,6 @@ def test_values_are_those_of_the_drawn_points():
     torch.testing.assert_close(batch.rgb, torch.stack([frame, point, 0 * point], dim=-1) / 255)
     assert torch.equal(batch.feature, torch.stack([point, frame], dim=-1))
     assert torch.equal(batch.moving, point % 2)
-    assert torch.equal(batch.claimed, point % 2)
-    assert batch.masked.all()
-
-
-def test_the_rim_of_what_moves_is_of_the_scene_but_claimed_by_the_object():
-    batch = draw(Sampler(make_pool(moving=np.full((FRAMES, POINTS), RIM, np.uint8)), config()), 5)
-    assert not batch.moving.any()
-    assert batch.claimed.all()
     assert batch.masked.all()
 
 
@@ -101,7 +93,6 @@ def test_where_there_is_no_mask():
     batch = draw(Sampler(pool, config()), 5)
     assert not batch.masked.any()
     assert not batch.moving.any()
-    assert not batch.claimed.any()
 
 
 @pytest.mark.parametrize(
@@ -196,7 +187,6 @@ def test_errors_are_remembered_where_the_target_is_known():
         rgb=torch.zeros(1, 2, 3),
         feature=torch.zeros(1, 2, 2),
         moving=torch.zeros(1, 2),
-        claimed=torch.zeros(1, 2),
         masked=torch.ones(1, 2),
     )
     sampler.note_errors(batch, torch.tensor([[9.0, 9.0]]))

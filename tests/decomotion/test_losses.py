@@ -177,7 +177,6 @@ def an_example() -> tuple[Prediction, Batch]:
         rgb=drawn((*shape, 3), 3),
         feature=drawn((*shape, 3), 4),
         moving=masked * drawn(shape, 5),
-        claimed=masked * drawn(shape, 6),
         masked=masked,
     )
     model = randomised(tiny_model("cpu"), 0.3)
@@ -188,7 +187,6 @@ def test_every_loss_is_what_its_equation_says():
     """Written out (paper, Eq. 6 to 13), so that each is known to look at its own volume, weights and mask."""
     p, b = an_example()
     c, moving, still = b.confidence, b.moving, b.masked - b.moving
-    claimed, left = b.claimed, b.masked - b.claimed
 
     def away(xy: Tensor) -> Tensor:
         return (xy - b.target_xy).abs().sum(-1)
@@ -211,7 +209,7 @@ def test_every_loss_is_what_its_equation_says():
         "photometric_static": (still * unlike(p.static_rgb)).mean(),
         "photometric_fused": unlike(p.fused_rgb).mean(),
         "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
-        "segmentation": -(left * p.static_confidence.log() + claimed * (1 - p.static_confidence).log()).mean(),
+        "segmentation": -(still * p.static_confidence.log() + moving * (1 - p.static_confidence).log()).mean(),
         "scene_flow": p.acceleration.abs().sum(-1).mean(),
         "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
         "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),

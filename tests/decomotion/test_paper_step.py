@@ -84,7 +84,6 @@ def batch() -> Batch:
         rgb=uniform(3),
         feature=torch.nn.functional.normalize(uniform(FEATURE) - 0.5, dim=-1),
         moving=(uniform() < 0.5).double(),
-        claimed=(uniform() < 0.6).double(),
         masked=torch.ones(PAIRS, POINTS),
     )
 

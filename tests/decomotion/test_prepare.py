@@ -21,7 +21,7 @@ from decomotion.data import prepare as preparation
 from decomotion.data.flow import Field, Frame
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.matching import MatchStore
-from decomotion.data.pool import RIM, UNKNOWN_MOTION, Pool
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.errors import SupervisionError
@@ -109,13 +109,8 @@ class TestMasks:
         masks = np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8)
         masks[:, :, : SIZE // 2] = 255
         write_frames(Clip("masks", masks, 24.0), tmp_path / "masks")
-        pool = prepare(
-            clip, config(f"data.masks={tmp_path / 'masks'}", f"data.mask_rim={2 * 256 / SIZE}"), progress=False
-        )
-        column = np.round(pool.points[..., 0])
-        np.testing.assert_array_equal(pool.moving == 1, column < SIZE // 2)
-        rim = (column >= SIZE // 2) & (column < SIZE // 2 + 2)
-        np.testing.assert_array_equal(pool.moving == RIM, rim)
+        pool = prepare(clip, config(f"data.masks={tmp_path / 'masks'}"), progress=False)
+        np.testing.assert_array_equal(pool.moving, np.round(pool.points[..., 0]) < SIZE // 2)
 
     def test_that_do_not_fit(self, clip: Clip, tmp_path: Path):
         with pytest.raises(SupervisionError, match="has 0 images but the clip has 8 frames"):

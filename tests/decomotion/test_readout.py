@@ -95,10 +95,9 @@ def test_the_surface_is_a_point_of_the_ray():
     torch.testing.assert_close(carry(model, surface, conditioning, frame), xy, rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize(("share", "expected"), [(0.5, [True, True, False, True]), (0.1, [True, False, False, True])])
-def test_below_a_half_an_object_owns_where_it_has_the_smaller_share(share: float, expected: list[bool]):
+def test_an_object_owns_what_it_has_a_tenth_of():
     static, dynamic = torch.tensor([[0.92, 0.6, 0.2, 0.0], [0.08, 0.3, 0.6, 0.0]])
-    assert static_owns(static, dynamic, share).tolist() == expected
+    assert static_owns(static, dynamic).tolist() == [True, False, False, True]
 
 
 @both_presets

@@ -116,7 +116,7 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_FPS: "24.0",
         contract.META_PRESET: preset,
         contract.META_OCCLUSION_THRESHOLD: "0.5",
-        contract.META_OBJECT_SHARE: {"cpu": "0.1", "paper": "0.5"}[preset],
+        contract.META_OBJECT_SHARE: "0.1",
         contract.META_WRITER_VERSION: decomotion.__version__,
         contract.META_BAKE: exported.bake,
         contract.META_PRECISION: "fp32",
