@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from decomotion.console import run
-from decomotion.options import Duration, Supervision, supervision_options
+from decomotion.options import Duration, Supervision, seed_option, supervision_options
 
 DEFAULT_BUDGET = "10m"
 """Of each shot, where a clip has several."""
@@ -40,7 +40,7 @@ MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
 )
 @click.option("--resume", is_flag=True, help="Continue the run in --out where it stopped.")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
-@click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Seed of everything random.")
+@seed_option
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
 @click.pass_context
 def command(
@@ -71,11 +71,12 @@ def command(
     folder = out if out is not None else Path("runs") / frames.name
 
     from decomotion import checkpoint
+    from decomotion.device import choose_device
     from decomotion.shots import check_no_files, each_shot
-    from decomotion.train import choose_device, fit
+    from decomotion.train import fit
 
     device = choose_device(device)
-    config = None if resume else supervision.config(device)
+    config = None if resume else supervision.config()
     default, seconds_each = Duration().convert(DEFAULT_BUDGET, None, None), None
     if config is not None and config.preset in MINUTES and time_budget is None and steps is None:
         seconds_each = default

@@ -16,6 +16,7 @@ import torch
 from tqdm import tqdm
 
 from decomotion import checkpoint, images, previews
+from decomotion.chance import torch_generator
 from decomotion.checkpoint import ClipFacts
 from decomotion.config import Config
 from decomotion.data.batch import Batch, Sampler
@@ -129,9 +130,9 @@ class Run:
     def optimise(self, progress: float) -> dict[str, float]:
         """One step; returns the unweighted losses."""
         optim = self.config.optim
-        generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
-        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
-        depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + (1 << 31) + self.step)
+        of_batch = torch_generator(self.seed, "batch", self.step)
+        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), of_batch)
+        of_depths = torch_generator(self.seed, "depths", self.step, self.device)
         weights = {name: value_at(weight, progress) for name, weight in self.losses.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
@@ -143,7 +144,7 @@ class Run:
         for first in range(0, optim.pairs, size):
             part = batch.pairs(first, first + size)
             share = len(part.frame) / optim.pairs
-            values = self.accumulate(part, weights, share, depth_generator)
+            values = self.accumulate(part, weights, share, of_depths)
             for name, value in values.items():
                 totals[name] += share * value
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)

@@ -28,6 +28,7 @@ GROUND_FLOOR = [
     "decomotion.errors",
     "decomotion.files",
     "decomotion.images",
+    "decomotion.units",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 
@@ -39,13 +40,14 @@ MAY_IMPORT = {
 }
 SUPERVISION = [
     "decomotion.config",
+    "decomotion.data.config",
     "decomotion.data.flow",
-    "decomotion.data.intervals",
-    "decomotion.data.linking",
+    "decomotion.data.links.intervals",
+    "decomotion.data.links.linking",
     "decomotion.data.sampling",
 ]
 FETCHED = {
-    "decomo_eval.baselines": [*SUPERVISION, "decomotion.train.choose_device"],
+    "decomo_eval.baselines": [*SUPERVISION, "decomotion.device.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
     "decomo_eval.bench.task": ["decomotion.config"],
 }

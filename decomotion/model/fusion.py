@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from torch import Generator, Tensor, nn
 
 from decomotion.compositing import composite, composite_weights, fused_weights
-from decomotion.config import ModelConfig
 from decomotion.geometry import ImagePlane
+from decomotion.model.config import ModelConfig
 from decomotion.model.field import build_field
 from decomotion.model.frame_code import build_frame_code
 from decomotion.model.volume import Conditioning, EmptyVolume, Matter, Volume
@@ -79,7 +79,7 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a batch of correspondences. Positions in pixels, colours in [0, 1]."""
+    """What the model says of a batch of correspondences. Positions in units, colours in [0, 1]."""
 
     static_xy: Float[Tensor, "pair point 2"]
     dynamic_xy: Float[Tensor, "pair point 2"]
@@ -174,6 +174,8 @@ class DecoMotion(nn.Module):
     ) -> Prediction:
         """Everything that the losses look at, for points `xy` of `frame` and where they are in `target_frame`.
 
+        Positions are in units, unlike those of `cast`: what is optimised does not depend on the clip's size.
+
         The acceleration is computed for the first `smooth_points` of each pair; None: for all.
         """
         middle = frame.clamp(1, max(1, self.num_frames - 2))
@@ -184,7 +186,7 @@ class DecoMotion(nn.Module):
         here, there, *around = (
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
         )
-        rays = self.cast(xy, here, generator=generator)
+        rays = self.cast(self.plane.from_units(xy), here, generator=generator)
         (static, of_static, fused_static), (dynamic, of_dynamic, fused_dynamic) = self.to_carry(rays, here)
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
@@ -241,7 +243,7 @@ class DecoMotion(nn.Module):
         xy = local[..., :2]
         if self.config.normalise_weights:
             xy = xy / opacity[..., None].clamp_min(1e-3)
-        return self.plane.to_pixels(xy)
+        return self.plane.to_units(self.plane.to_pixels(xy))
 
     def _render_feature(
         self, weights: Float[Tensor, "*batch carried"], canonical: Float[Tensor, "*batch carried 3"]
@@ -279,7 +281,7 @@ class DecoMotion(nn.Module):
 
 def canonical_extent(start: Float[Tensor, "frame 3 4"], plane: ImagePlane) -> Float[Tensor, "3"]:
     """Half the size of a box about the origin that holds all frames' volumes under their starting maps."""
-    side = plane.pixels_per_unit
+    side = plane.half_side
     half = start.new_tensor([plane.width / 2 / side, plane.height / 2 / side, 1.0])
     signs = torch.cartesian_prod(*[start.new_tensor([-1.0, 1.0])] * 3)
     corners = signs * half

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decomotion.data import evidence
+from decomotion.data.masks import evidence
 
 
 def test_units_cover_the_same_area():

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decomotion.config import FilterConfig, load
-from decomotion.data.filtering import (
+from decomotion.config import load
+from decomotion.data.links.config import FilterConfig
+from decomotion.data.links.filtering import (
     Grid,
     appearance_consistent,
     confirmed_by_second_look,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decomotion.data import labelling
-from decomotion.data.labelling import Links
+from decomotion.data.masks import labelling
+from decomotion.data.masks.labelling import LinkReader
 
 GRID = (4, 6)
 POINTS = GRID[0] * GRID[1]
@@ -19,7 +19,7 @@ def links(shift: float = 0.0, frames: int = 2, confidence: int = 255) -> Links:
     frame = np.arange(frames)
     gap = (frame[None] - frame[:, None])[..., None, None]
     targets = (points + gap * np.array([shift, 0])).astype(np.float32)
-    return Links(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
+    return LinkReader(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
 
 
 class TestOtsu:

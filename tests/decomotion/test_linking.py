@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from decomotion.data.linking import (
+from decomotion.data.links.linking import (
     GAP_VARIANCE,
     HOP_VARIANCE,
-    Field,
-    FieldLookup,
+    Flow,
+    FlowLookup,
     Links,
     cycle_error,
     link,
@@ -25,18 +25,18 @@ THRESHOLD = 1.5
 both_ways = pytest.mark.parametrize("step", [1, -1])
 
 
-def constant_velocity(first: int, second: int) -> Field:
+def constant_velocity(first: int, second: int) -> Flow:
     return np.broadcast_to((second - first) * VELOCITY, (HEIGHT, WIDTH, 2)).astype(np.float32)
 
 
-def points_in_the_middle() -> Field:
+def points_in_the_middle() -> Flow:
     """Other points in each frame, far enough from the border to stay inside for the whole clip."""
     random = np.random.default_rng(0)
     return random.uniform((25, 20), (55, 40), (FRAMES, POINTS, 2)).astype(np.float32)
 
 
 def run(
-    points: Field, field: FieldLookup, step: int, intervals: tuple[int, ...] = (1, 2, 4), max_gap: int = 1000
+    points: Flow, field: FlowLookup, step: int, intervals: tuple[int, ...] = (1, 2, 4), max_gap: int = 1000
 ) -> dict[int, Links]:
     return {links.target: links for links in link(points, field, intervals, THRESHOLD, max_gap, step)}
 
@@ -72,7 +72,7 @@ def test_the_cheapest_way_over_the_intervals(step: int):
 def test_not_beyond_the_longest_gap(step: int, max_gap: int):
     points = points_in_the_middle()
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         assert abs(first - second) <= max_gap, "flow at longer gaps is not computed"
         return constant_velocity(first, second)
 
@@ -89,7 +89,7 @@ def test_a_turning_and_growing_image(step: int):
     centre = np.array([40.0, 30.0])
     turn = np.array([[1.01, -0.02], [0.02, 1.01]])
 
-    def carried(xy: Field, gap: int) -> Field:
+    def carried(xy: Flow, gap: int) -> Flow:
         return ((xy - centre) @ np.linalg.matrix_power(turn, gap).T + centre).astype(np.float32)
 
     grid = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)
@@ -100,10 +100,10 @@ def test_a_turning_and_growing_image(step: int):
             np.testing.assert_allclose(links.xy[row], carried(points[source], target - source), atol=0.02)
 
 
-def hidden_in(frame: int) -> Callable[[int, int], Field]:
+def hidden_in(frame: int) -> Callable[[int, int], Flow]:
     """Flow to and from one frame is wrong, and its two ways contradict each other."""
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         right = constant_velocity(first, second)
         if second == frame:
             return right + np.array([6, 0], np.float32)
@@ -130,7 +130,7 @@ def test_a_visible_way_is_preferred_to_a_better_one_through_a_hidden_place(step:
     """Over two frames the short hops disagree by 1.4 units each, the long one, which leads elsewhere, by 1.6."""
     unit = WIDTH / 256
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         gap = abs(first - second)
         astray = np.array([5 * (gap == 2) * np.sign(second - first), 0])
         disagreement = np.array([(1.6 if gap == 2 else 1.4) * unit * ((second - first) * step < 0), 0])
@@ -152,7 +152,7 @@ def test_without_a_longer_hop_it_stays_lost():
 def test_a_point_that_leaves_the_image_is_flagged():
     points = np.full((FRAMES, 1, 2), 20, np.float32)
 
-    def to_the_left(first: int, second: int) -> Field:
+    def to_the_left(first: int, second: int) -> Flow:
         return np.broadcast_to(np.array([-6 * (second - first), 0], np.float32), (HEIGHT, WIDTH, 2)).astype(np.float32)
 
     for target, links in run(points, to_the_left, 1).items():
@@ -166,7 +166,7 @@ def test_a_point_that_leaves_the_image_is_flagged():
 def test_thresholds_are_in_pixels_of_a_256_pixel_frame():
     """The same contradiction of 2 pixels of the raster is 6.4 units in an 80-pixel raster, 1 in a 512-pixel one."""
 
-    def contradicting(height: int, width: int) -> FieldLookup:
+    def contradicting(height: int, width: int) -> FlowLookup:
         return lambda first, second: np.full((height, width, 2), (2, 0) if second > first else (0, 0), np.float32)
 
     points = np.full((2, 1, 2), 30, np.float32)

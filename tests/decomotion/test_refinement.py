@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from decomotion.clip import Clip
-from decomotion.data.refinement import FARTHEST, Refiner
+from decomotion.data.links.refinement import FARTHEST, Refiner
 
 SHIFT = np.array([9.3, -4.6], np.float32)
 HEIGHT, WIDTH = 96, 128

@@ -20,12 +20,13 @@ from decomotion.config import Config, load, parse
 from decomotion.data.batch import Sampler
 from decomotion.data.pool import Pool
 from decomotion.data.prepare import prepare
+from decomotion.device import choose_device
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
-from decomotion.losses import LOSSES
+from decomotion.losses import LOSSES, Loss
 from decomotion.model.fusion import DecoMotion
 from decomotion.run import Run, interrupt_flag
-from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
-from decomotion.train import choose_device, fit, start_maps
+from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+from decomotion.train import fit, start_maps
 from interruption import Killed, ctrl_c, interruption, killed
 from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
 
@@ -254,10 +255,9 @@ class TestBudget:
             monkeypatch.setattr(f"{module}.time", watch)
 
     @pytest.mark.usefixtures("clock")
-    @pytest.mark.parametrize("masks", ["auto", "rigid-first"])
-    def test_of_time(self, tmp_path: Path, masks: str):
+    def test_of_time(self, tmp_path: Path):
         """What an interrupted run has used up, a resumed one does not get again."""
-        config = tiny_config("cpu", f"data.masks={masks}")
+        config = tiny_config()
         straight = fit(CLIP, tmp_path / "straight", config=config, time_budget=3.0, progress=False)
         with interruption(5, ctrl_c), pytest.raises(KeyboardInterrupt):
             fit(CLIP, tmp_path / "broken", config=config, time_budget=3.0, progress=False)
@@ -276,7 +276,7 @@ class TestFailure:
     @pytest.mark.parametrize("value", [float("nan"), float("inf")])
     def test_a_loss_that_is_not_a_number(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, value: float):
         sound = LOSSES["photometric_fused"]
-        monkeypatch.setitem(LOSSES, "photometric_fused", lambda p, b: sound(p, b) * self.after_two_calls(value))
+        monkeypatch.setitem(LOSSES, "photometric_fused", Loss(lambda p, b: sound(p, b) * self.after_two_calls(value)))
         self.calls = 0
         with pytest.raises(TrainingError, match=r"loss photometric_fused is not a number at step 2; .*batch\.pt"):
             fit(CLIP, tmp_path / "run", config=tiny_config(), steps=6, progress=False)
@@ -286,7 +286,8 @@ class TestFailure:
 
     def test_a_gradient_that_is_not_a_number(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         """The loss is 0, its slope infinite: the weights of the last sound step are what is kept."""
-        monkeypatch.setitem(LOSSES, "distortion", lambda p, b: (p.depths.sum() * 0 + 0 * p.static_weights.sum()).sqrt())
+        endless = Loss(lambda p, b: (p.depths.sum() * 0 + 0 * p.static_weights.sum()).sqrt())
+        monkeypatch.setitem(LOSSES, "distortion", endless)
         with pytest.raises(TrainingError, match=r"the gradient is not a number at step 0; .*batch\.pt"):
             fit(CLIP, tmp_path / "run", config=tiny_config(), steps=6, progress=False)
         assert all(value.isfinite().all() for value in model_of(tmp_path / "run").parameters())
@@ -336,7 +337,8 @@ class TestDevice:
 @pytest.fixture
 def run(tmp_path: Path) -> Run:
     config = tiny_config("cpu", "optim.smooth_share=0.25")
-    return train._fresh(tmp_path / "run", CLIP, config, torch.device("cpu"), 0, Budget(20), 0.0, False, False)
+    pool = prepare(CLIP, config.data, progress=False)
+    return train._begun(tmp_path / "run", CLIP, config, pool, torch.device("cpu"), 0)
 
 
 def test_micro_batches_give_the_gradient_of_the_whole(run: Run):
@@ -393,7 +395,7 @@ def test_a_loss_of_weight_zero_is_not_computed(run: Run, monkeypatch: pytest.Mon
     def fail(*args: object) -> torch.Tensor:
         raise AssertionError("computed")
 
-    monkeypatch.setitem(LOSSES, "distortion", fail)
+    monkeypatch.setitem(LOSSES, "distortion", Loss(fail))
     batch = run.sampler.draw(4, torch.Generator().manual_seed(0))
     values = run.accumulate(batch, {"flow_fused": 1.0, "distortion": 0.0}, 1.0, torch.Generator().manual_seed(0))
     assert values.keys() == {"flow_fused"}

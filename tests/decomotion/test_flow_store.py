@@ -9,17 +9,17 @@ import pytest
 import torch
 
 from decomotion.clip import Clip
-from decomotion.config import MatchingConfig
-from decomotion.data.fields import FlowFields, nearer, smooth, threads
-from decomotion.data.flow.interface import Field, Frame
-from decomotion.data.matching import Matches, MatchStore
+from decomotion.data.flow.interface import Flow, Frame
+from decomotion.data.links.config import MatchingConfig
+from decomotion.data.links.flow_store import FlowStore, nearer, smooth, threads
+from decomotion.data.links.matching import Matches, MatchStore
 
 FRAMES, SIZE = 7, 32
 SPEED = np.array([3.0, -1.0], np.float32)
 """Pixels a frame, of everything."""
 
 
-def flow(displacement: float | np.ndarray, size: int = SIZE) -> Field:
+def flow(displacement: float | np.ndarray, size: int = SIZE) -> Flow:
     return np.broadcast_to(np.asarray(displacement, np.float32), (size, size, 2)).astype(np.float32)
 
 
@@ -32,7 +32,7 @@ class Searcher:
     def __init__(self) -> None:
         self.asked: list[tuple[tuple[int, int], float | None]] = []
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None = None) -> Field:
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
         begin = None if start is None else start.mean(axis=(0, 1))
         self.asked.append((pair, None if begin is None else float(begin[0])))
         true = SPEED * (pair[1] - pair[0])
@@ -48,9 +48,9 @@ def clip() -> Clip:
     return Clip("still", np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8), 24.0)
 
 
-def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowFields:
+def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowStore:
     matches = MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), folder / "matches")
-    return FlowFields(clip, estimator, matches, folder)
+    return FlowStore(clip, estimator, matches, folder)
 
 
 def test_long_gaps_start_at_the_short_ones(clip: Clip, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_what_is_there_is_not_made_again(clip: Clip, tmp_path: Path) -> None:
 
 def test_the_answer_that_returns_stays_pixel_by_pixel() -> None:
     """On the left the first answer returns, on the right the second; above, both do."""
-    ways: list[list[Field]] = [[flow(0), flow(0)], [flow((4, 0)), flow((-4, 0))]]
+    ways: list[list[Flow]] = [[flow(0), flow(0)], [flow((4, 0)), flow((-4, 0))]]
     ways[0][1][16:, 16:] = 3
     ways[1][1][16:, :16] = 3
     there, _ = nearer((ways[0][0], ways[0][1]), (ways[1][0], ways[1][1]))
