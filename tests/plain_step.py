@@ -112,7 +112,7 @@ def predict_pair(
     fused = (static[..., None] * there["static"] + dynamic[..., None] * there["dynamic"]).sum(1)
     found["fused_xy"] = fused[:, :2] * 128 + middle - 0.5
     found["fused_rgb"] = (static[..., None] * colour["static"] + dynamic[..., None] * colour["dynamic"]).sum(1)
-    found["static_confidence"] = static.sum(1) / (static + dynamic).sum(1)
+    found["motion_mask"] = (found["static_weights"] * beta).sum(1)
     features = model.feature_head(gabor(model.feature_field, canonical["dynamic"].reshape(-1, 3)))
     weights = found["dynamic_weights"][..., None]
     found["dynamic_feature"] = (weights * features.reshape(points, samples, -1)).sum(1)

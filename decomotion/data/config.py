@@ -35,6 +35,9 @@ class DataConfig(Leaf):
     def _consistent(self) -> DataConfig:
         if self.feature_weights is not None and self.features not in ("aliked", "dino"):
             raise ValueError(f"feature_weights go with features aliked or dino, not {self.features}")
-        if self.filters.appearance is not None and self.features == "none":
-            raise ValueError("filters.appearance compares features, but features are none")
         return self
+
+    @property
+    def rules(self) -> FilterConfig:
+        """The filters that are laid on the links: without features, none that compares them."""
+        return self.filters if self.features != "none" else self.filters.model_copy(update={"appearance": None})

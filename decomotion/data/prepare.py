@@ -120,7 +120,7 @@ class _Work:
         self.clip, self.config, self.seed, self.progress, self.device = clip, config, seed, progress, device
         self.root = cache_root() / clip.digest()
         self.longer_side = max(clip.height, clip.width)
-        rules = config.filters
+        rules = config.rules
         self.filters_on = any(rule is not None for rule in (rules.cycle, rules.appearance, rules.second_look))
 
     def check(self, rebuild: bool) -> None:
@@ -225,7 +225,7 @@ class _Work:
 
     @cached_property
     def filter(self) -> Stage:
-        rules = self.config.filters.model_dump(mode="json")
+        rules = self.config.rules.model_dump(mode="json")
         return self.stage("filter", links=self.links.made, features=self.features.key, rules=rules)
 
     @cached_property
@@ -259,7 +259,7 @@ class _Work:
 
     def build_filter(self, folder: Path) -> dict[str, Any]:
         feature = np.load(self.features.folder / "feature.npy", mmap_mode="r")
-        return build_filtered(*self.linked(), feature, self.grid, self.config.filters, self.progress, folder)
+        return build_filtered(*self.linked(), feature, self.grid, self.config.rules, self.progress, folder)
 
     def build_motion(self, folder: Path) -> dict[str, Any]:
         points, targets, confidence = self.linked()

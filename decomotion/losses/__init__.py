@@ -53,7 +53,7 @@ LOSSES = {
     "photometric_static": Loss(lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving), S),
     "photometric_fused": Loss(lambda p, b: photometric_loss(p.fused_rgb, b.rgb, torch.ones_like(b.moving))),
     "feature": Loss(lambda p, b: feature_loss(p.dynamic_feature, b.feature, b.moving), D),
-    "segmentation": Loss(lambda p, b: segmentation_loss(p.static_confidence, b.moving, b.masked), S + D),
+    "segmentation": Loss(lambda p, b: segmentation_loss(p.motion_mask, b.moving, b.masked), S + D),
     "scene_flow": Loss(lambda p, b: scene_flow_loss(p.acceleration)),
     "distortion": Loss(
         lambda p, b: (

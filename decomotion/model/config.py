@@ -134,6 +134,9 @@ class ModelConfig(Leaf):
     sample and averaging there (Eq. 2 and 5); features are looked up at it too."""
     normalise_weights: bool
     """Divide composited positions by the ray's total weight, so that they are unbiased where it is below 1."""
+    motion_mask: Literal["fused", "static"] = "fused"
+    """What the segmentation loss looks at, B: the share of the fused weight that is static; or, as in the paper, the
+    static volume's confidence rendered in that volume alone."""
     frame_code: TimeCodeConfig | TableCodeConfig = Field(discriminator="kind")
     static: VolumeConfig
     dynamic: VolumeConfig

@@ -59,8 +59,13 @@ class Rays:
 
     @property
     def static_confidence(self) -> Float[Tensor, "batch point"]:
-        """Share of the fused weight that is static: the rendered motion mask, 1 on the static scene."""
+        """Share of the fused weight that is static, 1 on the static scene."""
         return self.fused_static.sum(-1) / self.opacity.clamp_min(1e-6)
+
+    @property
+    def motion_mask_alone(self) -> Float[Tensor, "batch point"]:
+        """B as printed: beta rendered in the static volume alone."""
+        return (self.alone_static * self.static.confidence).sum(-1)
 
     def fused_colour(self) -> Float[Tensor, "batch point 3"]:
         """C_cb: colour of the fused volume."""
@@ -88,7 +93,8 @@ class Prediction:
     dynamic_rgb: Float[Tensor, "pair point 3"]
     fused_rgb: Float[Tensor, "pair point 3"]
     dynamic_feature: Float[Tensor, "pair point feature"]
-    static_confidence: Float[Tensor, "pair point"]
+    motion_mask: Float[Tensor, "pair point"]
+    """B, 1 on the static scene: see `ModelConfig.motion_mask`."""
     depths: Float[Tensor, "pair point sample"]
     static_weights: Float[Tensor, "pair point sample"]
     """Of the static volume alone."""
@@ -201,7 +207,7 @@ class DecoMotion(nn.Module):
             dynamic_rgb=composite(rays.alone_dynamic, rays.dynamic.colour),
             fused_rgb=rays.fused_colour(),
             dynamic_feature=self._render_feature(of_dynamic, dynamic),
-            static_confidence=rays.static_confidence,
+            motion_mask=rays.motion_mask_alone if self.config.motion_mask == "static" else rays.static_confidence,
             depths=rays.depths,
             static_weights=rays.alone_static,
             dynamic_weights=rays.alone_dynamic,

@@ -70,7 +70,8 @@ def test_full_static_confidence_leaves_the_static_volume(preset: str):
     prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.static_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.static_rgb)
-    torch.testing.assert_close(prediction.static_confidence, torch.ones(2, 6))
+    expected = torch.ones(2, 6) if preset == "cpu" else prediction.static_weights.sum(-1)  # of the volume alone
+    torch.testing.assert_close(prediction.motion_mask, expected)
 
 
 @both_presets
@@ -79,7 +80,7 @@ def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
     prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.dynamic_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.dynamic_rgb)
-    torch.testing.assert_close(prediction.static_confidence, torch.zeros(2, 6))
+    torch.testing.assert_close(prediction.motion_mask, torch.zeros(2, 6))
 
 
 @both_presets
@@ -214,3 +215,28 @@ def test_pair_conditioning_of_one_frame_is_its_row_of_all_frames():
     assert isinstance(one, PairConditioning)
     for alone, among in zip(one, everything, strict=True):
         torch.testing.assert_close(alone.affine[0], among.affine[2])
+
+
+def test_the_motion_mask_is_of_the_fusion_or_as_printed_of_the_static_volume_alone():
+    """Where an opaque object stands before the scene, the scene's own mask still says static; the fusion's does not."""
+    model = randomised(tiny_model("cpu", feature_size=0), 0.05)
+    frame = torch.tensor([0, 3])
+    found = {}
+    for kind in ("fused", "static"):
+        model.config = model.config.model_copy(update={"motion_mask": kind})
+        found[kind] = model.predict(random_units(2, 6), frame, frame, generator())
+    rays = model.cast(random_pixels(2, 6), model.condition(frame), generator=generator())
+    through = torch.ones(2, 6)
+    printed, fused_static, fused_all, through_both = torch.zeros(2, 6), torch.zeros(2, 6), torch.zeros(2, 6), through
+    for sample in range(rays.depths.shape[-1]):  # Eq. 2 and 5, sample by sample
+        beta = rays.static.confidence[..., sample]
+        of_static, of_dynamic = rays.static.density[..., sample], rays.dynamic.density[..., sample]
+        printed = printed + through * (1 - torch.exp(-of_static)) * beta
+        through = through * torch.exp(-of_static)
+        part = through_both * beta * (1 - torch.exp(-of_static))
+        fused_static = fused_static + part
+        fused_all = fused_all + part + through_both * (1 - beta) * (1 - torch.exp(-of_dynamic))
+        through_both = through_both * torch.exp(-beta * of_static - (1 - beta) * of_dynamic)
+    torch.testing.assert_close(found["static"].motion_mask, printed, rtol=0, atol=1e-5)
+    torch.testing.assert_close(found["fused"].motion_mask, fused_static / fused_all, rtol=0, atol=1e-5)
+    assert (found["static"].motion_mask - found["fused"].motion_mask).abs().max() > 0.01

@@ -155,10 +155,11 @@ def test_in_float32_it_is_near(model: DecoMotion, batch: Batch):
 def test_in_mixed_precision_it_is_within_the_stated_tolerance(full_model: DecoMotion, batch: Batch):
     """Losses within 0.1 %, the gradient of each module within 2 % of its norm, with two exceptions.
 
-    Coupling layers and frame codes, and with them the whole: 20 %. They reach the losses through a map and another one's inverse, whose
-    gradients nearly cancel as long as frames are alike, as here, near the start. Scene-flow smoothness is a difference
-    as well: the loss is within 1e-4 normalised units (0.013 units), and its slope is the sign of
-    accelerations, which smaller ones lose. So it counts in the whole gradient but not in the modules'.
+    Coupling layers and frame codes, and with them the whole: 20 %. They reach the losses through a map and
+    another one's inverse, whose gradients nearly cancel as long as frames are alike, as here, near the start.
+    Scene-flow smoothness is a difference as well: the loss is within 1e-4 in normalised coordinates (0.013 units), and
+    its slope is the sign of accelerations, which smaller ones lose. So it counts in the whole
+    gradient but not in the modules'.
     """
     depths = depths_of(full_model, batch)
     losses, gradients = plain(full_model, batch, depths)

@@ -35,7 +35,7 @@ class FilterConfig(Leaf):
     cycle: float | None = Field(gt=0)
     """Links whose way there and back misses by more than this, in pixels of a 256-pixel frame, go; null: none."""
     appearance: float | None = Field(ge=-1, le=1)
-    """Links to a place whose feature has a smaller cosine similarity are dropped; null: none."""
+    """Links to a place whose feature has a smaller cosine similarity are dropped; null, or without features: none."""
     appearance_gap: int = Field(ge=1)
     """The shortest frame gap at which `appearance` looks."""
     second_look: float | None = Field(gt=0, le=1)
