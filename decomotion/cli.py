@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from decomotion.console import run
+from decomotion.console import interrupt_flag, run
 from decomotion.options import Duration, Supervision, seed_option, supervision_options
 
 DEFAULT_BUDGET = "10m"
@@ -72,6 +72,7 @@ def command(
 
     from decomotion import checkpoint
     from decomotion.device import choose_device
+    from decomotion.memory import kept_memory
     from decomotion.shots import check_no_files, each_shot
     from decomotion.train import fit
 
@@ -84,18 +85,20 @@ def command(
         check_no_files(config.data)
 
     def fit_one(part: Clip, folder: Path, share: float = 1.0) -> Path:
-        fit(
-            part,
-            folder,
-            config=config,
-            steps=steps,
-            time_budget=seconds_each if time_budget is None else share * time_budget,
-            resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
-            rebuild_cache=rebuild_cache,
-            seed=seed,
-            device=device,
-            ignore_cuts=shots != "stop",
-        )
+        with kept_memory():
+            fit(
+                part,
+                folder,
+                config=config,
+                steps=steps,
+                time_budget=seconds_each if time_budget is None else share * time_budget,
+                resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
+                rebuild_cache=rebuild_cache,
+                seed=seed,
+                device=device,
+                ignore_cuts=shots != "stop",
+                stopping=interrupt_flag,
+            )
         click.echo(f"fitted {part.name} ({len(part)} frames of {part.width}x{part.height}): {folder}")
         return folder
 

@@ -35,10 +35,12 @@ def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, 
     from decomotion.data.cuts import find_cuts
     from decomotion.data.prepare import prepare_in_stages
     from decomotion.device import choose_device
+    from decomotion.memory import kept_memory
 
     device = choose_device(device)
     config = Supervision(**options).config()
-    prepared = prepare_in_stages(frames, config.data, seed=seed, rebuild=rebuild_cache, device=device)
+    with kept_memory():
+        prepared = prepare_in_stages(frames, config.data, seed=seed, rebuild=rebuild_cache, device=device)
     for stage in prepared.stages:
         seconds = ", ".join(f"{part} {each:.1f} s" for part, each in stage.seconds.items())
         click.echo(f"{stage.name}: {stage.bytes / 2**20:.0f} MiB, {f'cached ({seconds})' if stage.cached else seconds}")

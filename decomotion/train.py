@@ -25,7 +25,7 @@ from decomotion.errors import CheckpointError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
-from decomotion.run import Run
+from decomotion.run import Run, Stopping, never
 from decomotion.schedule import Budget
 
 log = logging.getLogger(__name__)
@@ -44,6 +44,7 @@ def fit(
     device: str = "auto",
     progress: bool = True,
     ignore_cuts: bool = False,
+    stopping: Stopping = never,
 ) -> Path:
     """Fits one model to one clip.
 
@@ -60,11 +61,13 @@ def fit(
         device: `auto`, `cpu`, `cuda` or any name torch knows.
         progress: show a progress bar.
         ignore_cuts: fit the clip even where it cuts from one shot to another.
+        stopping: says when to stop between two steps, and save; by default nobody does, and Ctrl-C leaves the last
+            checkpoint.
 
     Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
 
     Raises: `ClipError` where the clip cannot be read or has cuts, `SupervisionError`, `CheckpointError`;
-        `TrainingError` where a loss is not a number.
+        `TrainingError` where a loss is not a number, `KeyboardInterrupt` where it was told to stop.
     """
     begin = time.monotonic()
     clip = clip if isinstance(clip, Clip) else read_clip(clip)
@@ -85,7 +88,7 @@ def fit(
     if not resume or steps is not None or time_budget is not None:
         run.budget = Budget(steps or run.config.optim.steps, time_budget)
     with _says_how_to_resume(folder):
-        run.loop(begin, progress)
+        run.loop(begin, progress, stopping)
     return folder
 
 

@@ -26,11 +26,11 @@ from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.folder import read_masks
-from decomotion.data.memory import kept_memory
 from decomotion.data.motion import build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned
 from decomotion.errors import SupervisionError
+from decomotion.memory import give_back
 
 log = logging.getLogger(__name__)
 
@@ -93,11 +93,11 @@ def prepare_in_stages(
     work = _Work(clip, config, seed, progress, device)
     remove_abandoned(work.root)
     work.check(rebuild)
-    with kept_memory():
-        records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
-        if work.filters_on:
-            records.append(work.filter.run(work.build_filter, rebuild))
-        records.append(work.motion.run(work.build_motion, rebuild))
+    records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
+    if work.filters_on:
+        records.append(work.filter.run(work.build_filter, rebuild))
+    records.append(work.motion.run(work.build_motion, rebuild))
+    give_back()
     pool = open_pool([record.folder for record in records], work.longer_side)
     return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 

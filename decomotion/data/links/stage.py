@@ -25,10 +25,10 @@ from decomotion.data.links.intervals import choose_intervals, pairs_of
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
-from decomotion.data.memory import give_back
 from decomotion.data.pool import pack
 from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
+from decomotion.memory import give_back
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
