@@ -23,18 +23,49 @@ if TYPE_CHECKING:
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEFAULT_FPS = 24.0
+ROUNDING = 1e-3
+"""Seconds by which a container may round the time of a frame."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, eq=False)
 class Clip:
-    """Frames of one video."""
+    """Frames of one video.
+
+    Args:
+        name: the folder's or the file's name.
+        frames: uint8 [T, H, W, 3], RGB.
+        fps: of frames at an even rate; 24 where neither this nor `times` is given.
+        times: instead, the seconds of each frame.
+        pixel_aspect: width of a pixel over its height.
+    """
 
     name: str
     """The folder's or the file's name."""
     frames: npt.NDArray[np.uint8]
     """[T, H, W, 3], RGB."""
-    fps: float
-    """Frames a second; 24 where the source is a folder."""
+    times: npt.NDArray[np.float64]
+    """[T], seconds of each frame, from 0, strictly increasing; of a folder: index / 24."""
+    pixel_aspect: float
+    """Width of a pixel over its height as it is to be shown: 1 where pixels are square."""
+
+    def __init__(
+        self,
+        name: str,
+        frames: npt.NDArray[np.uint8],
+        fps: float | None = None,
+        *,
+        times: npt.ArrayLike | None = None,
+        pixel_aspect: float = 1.0,
+    ) -> None:
+        if times is None:
+            times = np.arange(len(frames)) / (fps or DEFAULT_FPS)
+        elif fps is not None:
+            raise TypeError("a clip has either a rate or times, not both")
+        times = np.asarray(times, np.float64)
+        if times.shape != (len(frames),) or not (np.diff(times) > 0).all() or times[:1].any():
+            raise ValueError(f"a clip of {len(frames)} frames has as many increasing times, from 0, but got {times}")
+        for field, value in {"name": name, "frames": frames, "times": times, "pixel_aspect": pixel_aspect}.items():
+            object.__setattr__(self, field, value)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -49,15 +80,44 @@ class Clip:
         """Of every frame, in pixels."""
         return self.frames.shape[2]
 
+    @property
+    def fps(self) -> float:
+        """Frames a second: the mean over the clip, 24 where there is one frame."""
+        return mean_rate(self.times)
+
+    @property
+    def variable_rate(self) -> bool:
+        """Whether the frames are not evenly spaced: `fps` then does not tell when each is shown."""
+        return is_variable(self.times)
+
     def part(self, begin: int, end: int, name: str) -> Clip:
-        """The frames from `begin` up to but without `end`, as a clip of its own, named after this one."""
-        return Clip(f"{self.name}-{name}", self.frames[begin:end], self.fps)
+        """The frames from `begin` up to but without `end`, as a clip of its own, named after this one, from time 0."""
+        times = self.times[begin:end] - self.times[begin]
+        return Clip(f"{self.name}-{name}", self.frames[begin:end], times=times, pixel_aspect=self.pixel_aspect)
 
     def digest(self) -> str:
         """Hash of the frames' content, shape included: the key under which all that is derived from them is kept."""
         content = hashlib.sha256(repr(self.frames.shape).encode())
         content.update(np.ascontiguousarray(self.frames).data)
         return content.hexdigest()[:16]
+
+
+def mean_rate(times: npt.NDArray[np.float64]) -> float:
+    """Frames a second of frames at these times [T]: their number over the time they span, 24 of one frame.
+
+    Given to twelve digits, so that frames at i / 24 have 24.
+    """
+    return float(f"{(len(times) - 1) / (times[-1] - times[0]):.12g}") if len(times) > 1 else DEFAULT_FPS
+
+
+def is_variable(times: npt.NDArray[np.float64]) -> bool:
+    """Whether some frame stands for a time that differs from the usual one by more than a quarter and 1 millisecond.
+
+    Containers round times, many to whole milliseconds: that alone makes no rate variable.
+    """
+    steps = np.diff(times)
+    usual = np.median(steps) if len(steps) else 0.0
+    return bool((np.abs(steps - usual) > usual / 4 + ROUNDING).any())
 
 
 def read_clip(path: str | Path) -> Clip:
