@@ -6,25 +6,22 @@ Frames are RGB. Pixel centres lie at integers, frames are counted from 0 (`docs/
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
+from decomotion.frame_files import frame_files, read_frames
+from decomotion.frame_files import images_in as images_in  # for the masks of the user
+from decomotion.video import ROUNDING, read_video
 
-if TYPE_CHECKING:
-    import av
+log = logging.getLogger(__name__)
 
-IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEFAULT_FPS = 24.0
-ROUNDING = 1e-3
-"""Seconds by which a container may round the time of a frame."""
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -132,12 +129,29 @@ def read_clip(path: str | Path) -> Clip:
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
     name = _folder_name(path) if path.is_dir() else path.stem
-    frames, fps, count = _read_folder(path, begin, end) if path.is_dir() else _read_video(path, begin, end)
+    if path.is_dir():
+        files = frame_files(path)
+        frames, count, times, pixel_aspect = read_frames(files, begin, end), len(files), None, 1.0
+    else:
+        video = read_video(path, begin, end)
+        frames, count, times, pixel_aspect = video.frames, video.count, video.times, video.pixel_aspect
     if end is not None and count < end:
         raise ClipError(f"{name} has frames 0 to {count - 1}; @{begin}:{end} is not two or more of them")
     if len(frames) < 2:
         raise ClipError(f"{path} has one frame; motion needs at least two")
-    return Clip(name if end is None else f"{name}-{begin}-{end}", np.stack(frames), fps)
+    name = name if end is None else f"{name}-{begin}-{end}"
+    clip = Clip(name, np.stack(frames), times=times, pixel_aspect=pixel_aspect)
+    if clip.pixel_aspect != 1:
+        log.info(
+            "%s has pixels %.4g times as wide as high; positions are in its own, %dx%d",
+            name,
+            clip.pixel_aspect,
+            clip.width,
+            clip.height,
+        )
+    if clip.variable_rate:
+        log.info("%s has frames at uneven times, %.4g a second in the mean", name, clip.fps)
+    return clip
 
 
 def _split(path: Path) -> tuple[Path, int, int | None]:
@@ -155,73 +169,3 @@ def _folder_name(path: Path) -> str:
     folder = path.resolve()
     own_names = (part.name for part in (folder, *folder.parents) if part.name not in ("color", "clip", "frames"))
     return next(own_names) or folder.name
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
-    parts = re.split(r"(\d+)", path.stem)
-    return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts], path.name
-
-
-def images_in(folder: Path) -> list[Path]:
-    """The .jpg and .png files of a folder in natural order."""
-    visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
-    return sorted((file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
-
-
-Read = tuple[list[npt.NDArray[np.uint8]], float, int]
-"""The frames from `begin` up to but without `end`, frames a second, and how many frames there are before `end`."""
-
-
-def _read_folder(folder: Path, begin: int, end: int | None) -> Read:
-    files = images_in(folder)
-    if not files and (folder / "color").is_dir():
-        files = images_in(folder / "color")
-    if not files:
-        raise ClipError(f"{folder} holds no frames; put .jpg or .png files there, or in {folder / 'color'}")
-    frames = []
-    for file in (wanted := files[begin:end]):
-        try:
-            encoded = np.fromfile(file, np.uint8)
-        except OSError as error:
-            raise ClipError(f"frame {file} cannot be read ({error.strerror}); replace it or remove it") from error
-        frame = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
-        if frame is None:
-            raise ClipError(f"frame {file} does not decode as an image; replace it or remove it")
-        if frames and frame.shape != frames[0].shape:
-            raise ClipError(
-                f"frame {file} is {frame.shape[1]}x{frame.shape[0]} but {wanted[0].name} is "
-                f"{frames[0].shape[1]}x{frames[0].shape[0]}; bring all frames to one size"
-            )
-        frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
-    return frames, DEFAULT_FPS, len(files)
-
-
-def _read_video(path: Path, begin: int, end: int | None) -> Read:
-    import av
-    from av.error import FFmpegError
-
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise ClipError(f"{path} has no video stream; give a video file or a folder of frames")
-            stream = container.streams.video[0]
-            fps = float(stream.average_rate or DEFAULT_FPS)
-            frames, count = [], 0
-            for count, frame in enumerate(islice(container.decode(stream), end), 1):
-                if count > begin:
-                    frames.append(_upright(frame))
-    except FFmpegError as error:
-        raise ClipError(
-            f"{path} does not decode as a video ({error.strerror}); give a video file or a folder of frames"
-        ) from error
-    if not count:
-        raise ClipError(f"{path} has a video stream without frames; give another file")
-    if len({frame.shape for frame in frames}) > 1:
-        raise ClipError(f"{path} changes its frame size on the way; bring all frames to one size")
-    return frames, fps, count
-
-
-def _upright(frame: av.VideoFrame) -> npt.NDArray[np.uint8]:
-    """The frame as a player shows it: phones store portrait video lying down, with the rotation beside it."""
-    quarter_turns = round(frame.rotation / 90)  # counter-clockwise, as np.rot90 counts
-    return np.rot90(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), quarter_turns)
