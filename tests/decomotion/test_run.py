@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -21,6 +22,7 @@ from decomotion.data.prepare import prepare
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion, Prediction
 from decomotion.run import Run
+from decomotion.schedule import Budget
 from tiny_fit import TINY_CPU
 
 FRAMES, HEIGHT, WIDTH = 7, 44, 26
@@ -132,3 +134,86 @@ def test_one_bad_batch_moves_no_weight_far(tmp_path: Path, pool: Pool):
     run.optimise(0.5)
     moments = [state["exp_avg"].norm().item() for state in run.optimiser.state.values()]
     assert math.hypot(*moments) <= 0.1 + 1e-4  # a tenth of the gradient's norm
+
+
+class Clock:
+    """Time that passes only when it is told to, instead of the machine's in `decomotion.run`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 1000.0
+        monkeypatch.setattr("decomotion.run.time", SimpleNamespace(monotonic=lambda: self.now))
+
+    def ticks(self, run: Run, seconds: float) -> Run:
+        """The run, each of whose steps now takes so long."""
+        optimise = run.optimise
+
+        def slow(progress: float) -> dict[str, float]:
+            self.now += seconds
+            return optimise(progress)
+
+        run.optimise = slow  # type: ignore[method-assign]
+        return run
+
+
+def logged(run: Run, name: str) -> dict[int, float]:
+    """By step, what TensorBoard has of one loss."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(run.folder / "tensorboard")).Reload()
+    return {event.step: event.value for event in events.Scalars(f"loss/{name}")}
+
+
+def test_what_is_left_on_the_way(tmp_path: Path, pool: Pool, monkeypatch: pytest.MonkeyPatch):
+    """Losses every third step, two pictures of the middle frame, one of them at the end, and the time it took."""
+    clock = Clock(monkeypatch)
+    run = clock.ticks(new_run(tmp_path, pool, 0, "optim.steps=8", "log.previews=2", "log.scalars_every=3"), 10)
+    shown = []
+    monkeypatch.setattr(
+        "decomotion.run.previews.render_layers",
+        lambda model, frame: shown.append(frame) or np.zeros((4, 6, 3), np.uint8),
+    )
+    run.loop(clock.now - 100, progress=False)
+    assert logged(run, "flow_robust").keys() == {3, 6}
+    assert sorted(file.name for file in (tmp_path / "previews").iterdir()) == ["000005.png", "000008.png"]
+    assert shown == [3, 3]  # of seven frames
+    assert (run.step, run.prepared, run.elapsed) == (8, 100, 180)
+
+
+def test_it_is_saved_before_the_first_step_then_every_so_often_and_at_the_end(
+    tmp_path: Path, pool: Pool, monkeypatch: pytest.MonkeyPatch
+):
+    clock = Clock(monkeypatch)
+    run = clock.ticks(new_run(tmp_path, pool, 0, "optim.steps=8", "log.checkpoint_seconds=25"), 10)
+    saved, save = [], run.save
+    monkeypatch.setattr(run, "save", lambda: saved.append(run.step) or save())
+    run.loop(clock.now, progress=False)
+    assert saved == [0, 3, 6, 8]
+
+
+def test_the_bar_says_how_far_it_is_and_what_is_left(
+    tmp_path: Path, pool: Pool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    clock = Clock(monkeypatch)
+    run = clock.ticks(new_run(tmp_path, pool, 0, "optim.steps=8"), 30)
+    run.loop(clock.now - 100, progress=True)  # what came before is not counted
+    said = capsys.readouterr().err
+    assert "fit  25%" in said
+    assert "step 2  0.0/s  3.0 min left  flow_" in said  # six steps of half a minute
+    assert "photometric" not in said
+
+
+@pytest.mark.parametrize(("seconds", "prepared", "warned"), [(100.0, 59, False), (100.0, 61, True), (None, 61, False)])
+def test_a_preparation_that_takes_more_than_six_tenths_of_the_time_is_said(
+    seconds: float | None,
+    prepared: int,
+    warned: bool,
+    tmp_path: Path,
+    pool: Pool,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+):
+    clock = Clock(monkeypatch)
+    run = clock.ticks(new_run(tmp_path, pool), 50)
+    run.budget = Budget(1, seconds)
+    run.loop(clock.now - prepared, progress=False)
+    assert (f"preparation took {prepared} of the 100 seconds" in caplog.text) == warned
