@@ -115,3 +115,20 @@ def test_matches_go_on_over_cells_that_have_none() -> None:
     trusted = np.random.default_rng(0).random((16, 16)) < 0.3
     displacement = np.where(trusted[..., None], np.float32([2, 1]), 50).astype(np.float32)
     np.testing.assert_allclose(smooth(Matches(displacement, trusted)), flow((2, 1), 16), atol=1e-4)
+
+
+@pytest.mark.parametrize(("height", "width"), [(40, 96), (96, 40)])
+@pytest.mark.parametrize(("gained", "taken"), [(0.0, False), (0.09, False), (0.11, True)])
+def test_the_start_has_to_bring_the_way_back_nearer_by_a_tenth_of_a_unit(
+    height: int, width: int, gained: float, taken: bool
+) -> None:
+    """A unit is 0.375 pixels of a raster whose longer side is 96; the first answer misses by 1 pixel."""
+    missed = 1 - gained * 0.375
+    both, others = (
+        (np.full((height, width, 2), (x, 0), np.float32), np.full((height, width, 2), (-x - off, 0), np.float32))
+        for x, off in ((2, 1.0), (4, missed))
+    )
+    chosen = nearer(both, others)
+    inside = (slice(0, height), slice(8, width - 8))
+    for way in (0, 1):
+        np.testing.assert_array_equal(chosen[way][inside], (others if taken else both)[way][inside])
