@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -28,6 +29,7 @@ GROUND_FLOOR = [
     "decomotion.errors",
     "decomotion.files",
     "decomotion.images",
+    "decomotion.pseudo_depth",
     "decomotion.units",
 ]
 """What every package may use of the trainer's: small modules without torch."""
@@ -105,6 +107,35 @@ def test_import_direction(package: str):
         and not f"{name}.".startswith((*allowed, *(f"{prefix}." for prefix in FETCHED.get(module, []))))
     ]
     assert not forbidden, f"{package} may import {MAY_IMPORT[package]} of ours"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_modules_import_each_other(package: str):
+    """Nor a ring of them, not even within functions or for their types."""
+    modules = dict(modules_of(package))
+    imports = {
+        module: {
+            next((known for known in (name, name.rpartition(".")[0]) if known in modules), module)
+            for name in imported_names(file.read_text(), module, file.name == "__init__.py")
+        }
+        - {module}
+        for module, file in modules.items()
+    }
+    TopologicalSorter(imports).prepare()  # a CycleError names them
+
+
+def test_what_is_exported_has_names_of_its_own():
+    """A class of the exporter that had the name of one of the trainer's would be taken for it."""
+    names = {
+        package: {
+            node.name
+            for _, file in modules_of(package)
+            for node in ast.parse(file.read_text()).body
+            if isinstance(node, ast.ClassDef)
+        }
+        for package in ("decomotion", "decomo_export")
+    }
+    assert not names["decomotion"] & names["decomo_export"]
 
 
 @pytest.mark.parametrize("package", TORCH_FREE)

@@ -25,7 +25,7 @@ from decomotion.losses.robust_flow import robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
-from decomotion.rays import FAR, NEAR
+from decomotion.pseudo_depth import FAR, NEAR
 from decomotion.schedule import Schedule, value_at
 
 

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Generator, Tensor, nn
 
-from decomotion.compositing import composite, composite_weights, fused_weights
+from decomotion.compositing import composite, composite_weights, fused_weights, static_share
 from decomotion.geometry import ImagePlane
 from decomotion.model.config import ModelConfig
 from decomotion.model.field import build_field
@@ -60,7 +60,7 @@ class Rays:
     @property
     def static_confidence(self) -> Float[Tensor, "batch point"]:
         """Share of the fused weight that is static, 1 on the static scene."""
-        return self.fused_static.sum(-1) / self.opacity.clamp_min(1e-6)
+        return static_share(self.fused_static.sum(-1), self.fused_dynamic.sum(-1))
 
     @property
     def motion_mask_alone(self) -> Float[Tensor, "batch point"]:
