@@ -28,6 +28,7 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.errors",
     "decomotion.files",
+    "decomotion.frame_files",
     "decomotion.images",
     "decomotion.pseudo_depth",
     "decomotion.units",

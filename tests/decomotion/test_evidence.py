@@ -115,7 +115,7 @@ def test_sampson_distance_of_any_matrix():
 
 
 def test_the_more_of_the_border_only_epipolar_geometry_explains_the_more_it_is_believed():
-    """Of the five visible points along the border two are 1.6 units off the homography and 0.4 off the epipolar line."""
+    """Of five visible border points, two are 1.6 units off the homography and 0.4 off the epipolar line."""
     planar = np.array([1.6, 1.6, 1.6, 1.4, 0.2, np.nan, 1.6], np.float32)
     epipolar = np.array([0.4, 0.4, 0.6, 0.4, 0.1, np.nan, 0.4], np.float32)
     border = np.array([True, True, True, True, True, True, False])
@@ -155,7 +155,7 @@ def lattice(rows: int, columns: int, height: int, width: int) -> np.ndarray:
 
 
 def test_the_residual_of_what_moves_before_a_still_camera(monkeypatch: pytest.MonkeyPatch):
-    """A point that goes 3 units a frame is off by 3 gap / sqrt(gap), of which the lower median over the pairs counts."""
+    """A point that goes 3 units a frame is off by 3 gap / sqrt(gap); the lower median over the pairs counts."""
     monkeypatch.setattr(evidence, "fit_fundamental", lambda *_: None)  # the homography decides alone
     height, width, frames = 144, 256, 5
     points = np.tile(lattice(9, 16, height, width), (frames, 1, 1))
