@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -29,6 +30,22 @@ def write_images(folder: Path, names: Sequence[str], frames: Frames) -> Path:
         encoded = cv2.imencode(Path(name).suffix.lower(), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))[1]
         (folder / name).write_bytes(encoded.tobytes())
     return folder
+
+
+def turned_jpeg(frame: Frames, orientation: int) -> bytes:
+    """A JPEG of the frame [H, W, 3] whose EXIF tells its orientation, 1 to 8."""
+    encoded = cv2.imencode(".jpg", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))[1].tobytes()
+    entry = struct.pack(">HHIHH", 0x112, 3, 1, orientation, 0)
+    exif = b"Exif\0\0MM\0*" + struct.pack(">IH", 8, 1) + entry + bytes(4)
+    return encoded[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + encoded[2:]
+
+
+def shown_by_exif(frame: Frames, orientation: int) -> Frames:
+    """How a viewer shows the frame [H, W, 3] of that orientation."""
+    turned = frame.swapaxes(0, 1) if orientation > 4 else frame
+    rows = -1 if orientation in (3, 4, 7, 8) else 1
+    columns = -1 if orientation in (2, 3, 6, 7) else 1
+    return turned[::rows, ::columns]
 
 
 def write_video(

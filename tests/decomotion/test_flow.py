@@ -110,6 +110,15 @@ class TestDis:
         assert max(field.shape) == 48
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT * shrink, atol=0.02)
 
+    @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 30), (3, 2), (8, 1600)])
+    def test_frames_may_be_thin(self, height: int, width: int):
+        frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+        estimate = DisFlow(dis())
+        field = estimate(frame, frame)
+        again = estimate(frame, frame, start=field)
+        assert field.shape == again.shape
+        assert np.abs(field).max() < 1  # and finite
+
     def test_frames_that_shrink_do_not_alias(self):
         """Fine texture at 96 of 320 pixels; every third or fourth pixel alone gives errors above half a pixel."""
         noise = cv2.GaussianBlur(np.random.default_rng(0).random((260, 340, 3)), (0, 0), 1)

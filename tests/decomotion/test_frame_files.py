@@ -6,9 +6,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from clip_files import flat_frames, write_images
+from clip_files import flat_frames, shown_by_exif, turned_jpeg, write_images
 from decomotion.clip import read_clip
 from decomotion.errors import ClipError
 
@@ -100,3 +101,63 @@ class TestFolder:
         (tmp_path / "2.png").symlink_to(tmp_path / "gone.png")
         with pytest.raises(ClipError, match=r"2\.png cannot be read \(No such file or directory\)"):
             read_clip(tmp_path)
+
+    def test_frames_and_their_masks_are_two_clips(self, tmp_path: Path):
+        names = [f"{number:03d}{suffix}" for number in range(3) for suffix in (".jpg", ".png")]
+        write_images(tmp_path, names, flat_frames([1, 2, 3, 4, 5, 6]))
+        with pytest.raises(ClipError, match=rf"in {tmp_path}, 000\.jpg and 000\.png differ in their ending alone"):
+            read_clip(tmp_path)
+
+    def test_jpg_and_png_that_continue_each_other(self, tmp_path: Path):
+        write_images(tmp_path, ["0.jpg", "1.png", "2.jpg"], flat_frames([0, 100, 200]))
+        assert np.round(read_clip(tmp_path).frames[:, 0, 0, 0] / 100).tolist() == [0, 1, 2]
+
+    def test_frames_in_both_folders_are_two_clips(self, tmp_path: Path):
+        for folder in (tmp_path, tmp_path / "color"):
+            write_images(folder, ["0.png", "1.png"], flat_frames([1, 2]))
+        with pytest.raises(ClipError, match=r"holds frames, and so does .*color; give one of the two"):
+            read_clip(tmp_path)
+
+    @pytest.mark.parametrize("names", [["0.5.png", "2.0.png", "10.25.png"], ["-10.png", "-2.png", "1.png"]])
+    def test_numbers_are_in_their_order(self, names: list[str], tmp_path: Path):
+        write_images(tmp_path, names[::-1], flat_frames([2, 1, 0]))
+        assert read_clip(tmp_path).frames[:, 0, 0, 0].tolist() == [0, 1, 2]
+
+    @pytest.mark.parametrize("orientation", range(1, 9))
+    def test_exif_turns_a_frame(self, orientation: int, tmp_path: Path):
+        frames = flat_frames([20, 200])
+        frames[:, :8, :, 2] = 250
+        for number, frame in enumerate(frames):
+            (tmp_path / f"{number}.jpg").write_bytes(turned_jpeg(frame, orientation))
+        shown = [shown_by_exif(frame, orientation) for frame in frames]
+        # what JPEG loses on these; another orientation differs by 50 and more
+        assert np.abs(read_clip(tmp_path).frames.astype(int) - shown).mean() < 8
+
+
+class TestDepth:
+    """Files of 16 bits whose values need fewer."""
+
+    def write(self, folder: Path, values: npt.ArrayLike, first: int = 0) -> Path:
+        for number, value in enumerate(np.asarray(values), first):
+            cv2.imwrite(str(folder / f"{number}.png"), np.full((8, 12, 3), value, np.uint16))
+        return folder
+
+    @pytest.mark.parametrize("bits", [8, 10, 12, 14])
+    def test_values_are_scaled_as_they_need(self, bits: int, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        values = np.array([0, 30, 120, 255]) << (bits - 8)
+        clip = read_clip(self.write(tmp_path, values))
+        assert clip.frames[:, 0, 0].tolist() == [[level] * 3 for level in (0, 30, 120, 255)]
+        assert caplog.messages == [f"the values in {tmp_path} need {bits} of 16 bits and are scaled as such"]
+
+    def test_all_16_are_kept(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        clip = read_clip(self.write(tmp_path, [0, 30 * 257, 65535]))
+        assert clip.frames[:, 0, 0, 0].tolist() == [0, 30, 255]
+        assert caplog.messages == []
+
+    def test_one_scale_for_the_clip(self, tmp_path: Path):
+        """A dark frame stays dark, also where the bright ones are not asked for, and beside files of 8 bits."""
+        self.write(tmp_path, [100, 200, 4000])
+        assert read_clip(tmp_path).frames[:, 0, 0, 0].tolist() == [6, 12, 250]
+        assert read_clip(f"{tmp_path}@0:2").frames[:, 0, 0, 0].tolist() == [6, 12]
+        cv2.imwrite(str(tmp_path / "3.png"), np.full((8, 12, 3), 77, np.uint8))
+        assert read_clip(tmp_path).frames[:, 0, 0, 0].tolist() == [6, 12, 250, 77]

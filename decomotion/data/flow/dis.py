@@ -11,6 +11,9 @@ import numpy.typing as npt
 from decomotion.data.flow.config import DisFlowConfig
 from decomotion.data.flow.interface import Flow, Frame, Size, enlarged, kept, resized, to_raster
 
+MIN_SIDE = 12
+"""OpenCV has no level of its pyramid for smaller frames."""
+
 
 class DisFlow:
     """DIS, run on enlarged frames down to its finest scale; see `FlowEstimator`.
@@ -36,7 +39,7 @@ class DisFlow:
     ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
-        size = enlarged(height, width, self._config.upsample, self._config.max_side)
+        size = enlarged(height, width, self._config.upsample, self._config.max_side, MIN_SIDE)
         begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
         flow = self._dis(guided=start is not None).calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
