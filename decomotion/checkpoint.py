@@ -59,8 +59,13 @@ def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, trainin
         "model": model.state_dict(),
         "training": training,
     }
-    with replacing(path) as temporary:
-        torch.save(content, temporary)
+    write(path, content)
+
+
+def write(path: Path, content: dict[str, Any]) -> None:
+    """A `torch.save` file, whole or not at all; `OSError`, naming it, where the disk is full."""
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        torch.save(content, file)  # an open file: of a path, torch does not tell why it cannot be written
 
 
 def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:

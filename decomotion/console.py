@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import click
 
 from decomotion.errors import InputError, TrainingError
+from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
 INTERRUPTED = 130
-DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS)
-"""What a write may end in; such an error names no file."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -28,7 +28,8 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
     try:
-        result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
+        with _threads_quiet_on_disk_failures():
+            result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
     except InputError as error:
         click.echo(f"Error: {error}", err=True)
         return BAD_INPUT
@@ -53,3 +54,19 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         return INTERRUPTED
     return result if isinstance(result, int) else 0
+
+
+@contextmanager
+def _threads_quiet_on_disk_failures() -> Iterator[None]:
+    """A thread that writes, such as TensorBoard's, prints no traceback on a full disk: who waits for it raises that."""
+    former = threading.excepthook
+
+    def show(failure: threading.ExceptHookArgs) -> None:
+        if not (isinstance(failure.exc_value, OSError) and failure.exc_value.errno in DISK_FAILURES):
+            former(failure)
+
+    threading.excepthook = show
+    try:
+        yield
+    finally:
+        threading.excepthook = former

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 import torch
+from full_disk import writes_end_at
 
 from decomotion import checkpoint
 from decomotion.checkpoint import FILE_NAME, ClipFacts, latest_run, load, save
@@ -171,13 +173,22 @@ def test_code_is_refused_and_not_run(tmp_path: Path, write: Callable[[object, Pa
 def test_a_failed_save_leaves_the_former_one(path: Path, model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
     former = path.read_bytes()
 
-    def fail(content: object, file: Path) -> None:
-        Path(file).write_bytes(b"half")
+    def fail(content: object, file: BinaryIO) -> None:
+        file.write(b"half")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(torch, "save", fail)
     with pytest.raises(KeyboardInterrupt):
         save(path, load(path).config, ClipFacts.of(sliding_square()), model, {})
+    assert path.read_bytes() == former
+    assert [file.name for file in path.parent.iterdir()] == [FILE_NAME]
+
+
+def test_a_full_disk_is_an_error_that_names_the_checkpoint(path: Path, model: DecoMotion):
+    former = path.read_bytes()
+    with writes_end_at(4096), pytest.raises(OSError, match=f"{path}") as failure:
+        save(path, load(path).config, ClipFacts.of(sliding_square()), model, {})
+    assert failure.value.errno == errno.EFBIG
     assert path.read_bytes() == former
     assert [file.name for file in path.parent.iterdir()] == [FILE_NAME]
 
