@@ -21,7 +21,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     On an exception the temporary file is removed and `path` is left as it was; one of a disk that is full names `path`.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    temporary = partial_name(path)
     with naming(path, temporary):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -41,7 +41,7 @@ def new_folder(path: str | Path) -> Iterator[Path]:
     that is full names `path`.
     """
     shown, path = path, Path(path).absolute()  # "." has no name
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    temporary = partial_name(path)
     with naming(shown, temporary):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -50,6 +50,11 @@ def new_folder(path: str | Path) -> Iterator[Path]:
             temporary.replace(path)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def partial_name(path: Path) -> Path:
+    """What is beside `path` while it is written, with the same suffix."""
+    return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
-    from decomo_runtime.outputs import check_not_input, check_output
+    from decomotion.outputs import check_not_input, check_output
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames

@@ -74,7 +74,7 @@ def render(
     from tqdm import tqdm
 
     from decomo_runtime.errors import RenderError
-    from decomo_runtime.outputs import check_new_folder, check_not_input, check_output
+    from decomotion.outputs import check_new_folder, check_not_input, check_output
     from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
     from decomo_runtime.rendering import LAYERS, raster_size

@@ -55,6 +55,15 @@ def test_from_frames_to_a_run(frames: Path, capsys: pytest.CaptureFixture[str]):
     assert checkpoint.load(Path("runs/sliding/checkpoint.pt")).training["step"] == 3
 
 
+def test_a_place_that_cannot_be_written_is_found_first(
+    frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("decomotion.train.fit", lambda *_, **__: pytest.fail("it began"))
+    said = refused([frames, "--steps", "2", "--out", tmp_path / "file" / "run"], capsys)
+    assert said.startswith(f"Error: --out {tmp_path / 'file' / 'run'} cannot be written")
+
+
 def test_a_full_disk_of_the_cache(frames: Path, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
     with writes_end_at(1000):
