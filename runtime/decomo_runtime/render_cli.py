@@ -74,12 +74,12 @@ def render(
     from tqdm import tqdm
 
     from decomo_runtime.errors import RenderError
-    from decomotion.outputs import check_new_folder, check_not_input, check_output
     from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
     from decomo_runtime.rendering import LAYERS, raster_size
     from decomo_runtime.rendering import render as render_layers
     from decomo_runtime.tracker import Tracker
+    from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     if remove_objects and (layer is not None or size is not None):
         raise RenderError("--remove-objects keeps the clip's own pixels and size; leave out --layer and --size")

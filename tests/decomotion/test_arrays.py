@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from full_disk import small_disk
 
 from decomotion.arrays import allocated_memmap, npz_keys, read_npy, read_npz
 from decomotion.errors import ClipError
+from full_disk import small_disk
 
 ARRAYS = {"points": np.arange(6, dtype=np.float32).reshape(2, 3), "count": np.array(2)}
 

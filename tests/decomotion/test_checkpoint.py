@@ -12,13 +12,13 @@ from typing import Any, BinaryIO
 
 import pytest
 import torch
-from full_disk import writes_end_at
 
 from decomotion import checkpoint
 from decomotion.checkpoint import FILE_NAME, ClipFacts, latest_run, load, save
 from decomotion.config import load as load_config
 from decomotion.errors import CheckpointError
 from decomotion.model.fusion import DecoMotion
+from full_disk import writes_end_at
 from tiny_fit import TINY_PRESETS, randomised, sliding_square, tiny_model
 
 TRAINING = {"step": 7, "seed": 3, "errors": torch.arange(6.0)}

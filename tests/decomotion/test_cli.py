@@ -8,7 +8,6 @@ from pathlib import Path
 import click
 import pytest
 import torch
-from full_disk import writes_end_at
 from tensorboard.summary.writer.record_writer import RecordWriter
 
 from decomotion import checkpoint
@@ -16,6 +15,7 @@ from decomotion.cli import command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES
 from decomotion.options import Duration
+from full_disk import writes_end_at
 from interruption import ctrl_c, interruption
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 

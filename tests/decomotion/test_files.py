@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from full_disk import writes_end_at
 
 from decomotion.files import naming, new_folder, replacing
+from full_disk import writes_end_at
 
 
 def names_in(folder: Path) -> list[str]:

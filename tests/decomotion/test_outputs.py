@@ -48,7 +48,9 @@ def test_any_suffix(tmp_path: Path):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="there is no /proc")
 @pytest.mark.parametrize("check", [check_output, check_folder, check_new_folder])
 def test_where_even_root_may_not_write(check: Callable[[str, Path], None]):
-    with pytest.raises(OutputError, match=r"--out /proc/new/a cannot be written \(.*\): /proc is not a folder that you"):
+    with pytest.raises(
+        OutputError, match=r"--out /proc/new/a cannot be written \(.*\): /proc is not a folder that you"
+    ):
         check("--out", Path("/proc/new/a"))
 
 

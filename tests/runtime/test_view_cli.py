@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from full_disk import writes_end_at
 
 from decomo_runtime.view import cli
 from decomo_runtime.view.site import PAGE
 from decomotion.clip import read_clip
+from full_disk import writes_end_at
 from tiny_model import write_tiny_model
 
 

@@ -7,11 +7,11 @@ import shutil
 from pathlib import Path
 
 from decomo_runtime.model_file import ModelFacts, open_session, read_facts
-from decomotion.outputs import check_new_folder
 from decomo_runtime.overlay import check_clip
 from decomotion.clip import Clip, read_clip
 from decomotion.files import naming, new_folder
 from decomotion.images import jpeg
+from decomotion.outputs import check_new_folder
 
 PAGE = Path(__file__).parent / "page"
 MODEL_NAME = "model.onnx"
