@@ -16,6 +16,7 @@ from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
+from decomotion.times import is_steady
 
 FORMAT_VERSION = 2
 FILE_NAME = "checkpoint.pt"
@@ -31,11 +32,19 @@ class ClipFacts:
     height: int
     width: int
     fps: float
+    """Frames a second, in the mean."""
+    times: tuple[float, ...] | None = None
+    """Seconds of each frame, from 0; None where `fps` says them, and in older files."""
+    pixel_aspect: float = 1.0
+    """Width of a pixel over its height."""
 
     @staticmethod
     def of(clip: Clip) -> ClipFacts:
         """The facts of `clip`."""
-        return ClipFacts(clip.name, clip.digest(), len(clip), clip.height, clip.width, clip.fps)
+        times = None if is_steady(clip.times, clip.fps) else tuple(clip.times.tolist())
+        return ClipFacts(
+            clip.name, clip.digest(), len(clip), clip.height, clip.width, clip.fps, times, clip.pixel_aspect
+        )
 
 
 @dataclass(frozen=True)

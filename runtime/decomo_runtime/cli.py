@@ -95,7 +95,8 @@ def track(
     tracks.save(out)
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
-        write_video(overlay, draw_tracks(clip.frames, tracks, mark=mark, motion=motion), clip.fps)
+        drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)
+        write_video(overlay, drawn, clip.fps, times=clip.times[tracks.frames], pixel_aspect=clip.pixel_aspect)
 
     number, length = tracks.occluded.shape
     hidden = f"{tracks.occluded.mean():.0%}" if tracks.occluded.size else "none"

@@ -107,7 +107,8 @@ def render(
         pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)
     if is_video:
         keeps_alpha = out.suffix.lower() in ALPHA_SUFFIXES and len(layers) == 1
-        write_video(out, (_side_by_side(each, keeps_alpha) for _, each in pictures), tracker.fps)
+        layout = (_side_by_side(each, keeps_alpha) for _, each in pictures)
+        write_video(out, layout, tracker.fps, times=tracker.times[frames], pixel_aspect=tracker.pixel_aspect)
     else:
         write_sequence(out, _named(pictures, layers))
     click.echo(f"{', '.join(layers)} of {tracker.clip_name}, {len(frames)} frame{'s' * (len(frames) != 1)}")

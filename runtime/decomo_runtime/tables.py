@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 SEPARATORS = (",", ";", "\t")
-_PIECE = 2**20
+_PIECE = 2**16
 
 
 @dataclass(frozen=True)
