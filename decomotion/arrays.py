@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 import zlib
 from collections.abc import Container, Iterator
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import InputError
+from decomotion.files import replacing
 
 UNREADABLE = (ValueError, OSError, EOFError, RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error)
 """What reading raises where a file is damaged or of another kind: of zipfile, of zlib, of numpy and of its headers."""
@@ -37,6 +39,20 @@ def read_npz(
     """
     with _opened(path, error, remedy) as archive:
         return {key: archive[key] for key in archive.files if keys is None or key in keys}
+
+
+def allocated_memmap(path: Path, dtype: npt.DTypeLike, shape: tuple[int, ...]) -> np.memmap[Any, Any]:
+    """A new .npy file of zeros, mapped for reading and writing, for which the disk has room.
+
+    Raises `OSError`, naming `path`, where it has none: of a file with holes, storing into the map would kill the
+    process. Then no file is left.
+    """
+    with replacing(path) as temporary:
+        np.lib.format.open_memmap(temporary, mode="w+", dtype=dtype, shape=shape)
+        if hasattr(os, "posix_fallocate"):
+            with open(temporary, "rb+") as file:
+                os.posix_fallocate(file.fileno(), 0, temporary.stat().st_size)
+    return np.lib.format.open_memmap(path, mode="r+")
 
 
 def npz_keys(path: Path, error: type[InputError], remedy: str = "replace it") -> list[str]:

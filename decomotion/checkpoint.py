@@ -16,6 +16,7 @@ from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
+from decomotion.times import is_steady
 
 FORMAT_VERSION = 2
 FILE_NAME = "checkpoint.pt"
@@ -31,11 +32,19 @@ class ClipFacts:
     height: int
     width: int
     fps: float
+    """Frames a second, in the mean."""
+    times: tuple[float, ...] | None = None
+    """Seconds of each frame, from 0; None where `fps` says them, and in older files."""
+    pixel_aspect: float = 1.0
+    """Width of a pixel over its height."""
 
     @staticmethod
     def of(clip: Clip) -> ClipFacts:
         """The facts of `clip`."""
-        return ClipFacts(clip.name, clip.digest(), len(clip), clip.height, clip.width, clip.fps)
+        times = None if is_steady(clip.times, clip.fps) else tuple(clip.times.tolist())
+        return ClipFacts(
+            clip.name, clip.digest(), len(clip), clip.height, clip.width, clip.fps, times, clip.pixel_aspect
+        )
 
 
 @dataclass(frozen=True)
@@ -59,8 +68,13 @@ def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, trainin
         "model": model.state_dict(),
         "training": training,
     }
-    with replacing(path) as temporary:
-        torch.save(content, temporary)
+    write(path, content)
+
+
+def write(path: Path, content: dict[str, Any]) -> None:
+    """A `torch.save` file, whole or not at all; `OSError`, naming it, where the disk is full."""
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        torch.save(content, file)  # an open file: of a path, torch does not tell why it cannot be written
 
 
 def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:

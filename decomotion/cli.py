@@ -59,6 +59,7 @@ def command(
     """Fit a model to CLIP, a folder of frames or a video file; CLIP@A:B takes frames A up to but without B."""
     from decomotion.clip import Clip, read_clip
     from decomotion.errors import ConfigError
+    from decomotion.outputs import check_folder
 
     supervision = Supervision(**options)
     if time_budget is not None and steps is not None:
@@ -69,6 +70,7 @@ def command(
         )
     frames = read_clip(clip)
     folder = out if out is not None else Path("runs") / frames.name
+    check_folder("--out", folder)
 
     from decomotion import checkpoint
     from decomotion.device import choose_device

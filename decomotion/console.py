@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from threading import Event, current_thread, main_thread
 
 import click
 
 from decomotion.errors import InputError, TrainingError
+from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
 INTERRUPTED = 130
-DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS)
-"""What a write may end in; such an error names no file."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -31,7 +29,8 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
     try:
-        result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
+        with _threads_quiet_on_disk_failures():
+            result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
     except InputError as error:
         click.echo(f"Error: {error}", err=True)
         return BAD_INPUT
@@ -59,10 +58,10 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def interrupt_flag() -> Iterator[Event]:
+def interrupt_flag() -> Iterator[threading.Event]:
     """An event that the first Ctrl-C sets, so that a step is never cut in two; a second Ctrl-C interrupts at once."""
-    event = Event()
-    if current_thread() is not main_thread():
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
         yield event
         return
     former = signal.getsignal(signal.SIGINT)
@@ -76,3 +75,19 @@ def interrupt_flag() -> Iterator[Event]:
         yield event
     finally:
         signal.signal(signal.SIGINT, former)
+
+
+@contextmanager
+def _threads_quiet_on_disk_failures() -> Iterator[None]:
+    """A thread that writes, such as TensorBoard's, prints no traceback on a full disk: who waits for it raises that."""
+    former = threading.excepthook
+
+    def show(failure: threading.ExceptHookArgs) -> None:
+        if not (isinstance(failure.exc_value, OSError) and failure.exc_value.errno in DISK_FAILURES):
+            former(failure)
+
+    threading.excepthook = show
+    try:
+        yield
+    finally:
+        threading.excepthook = former

@@ -16,6 +16,10 @@ class ConfigError(InputError):
     """A configuration value is unknown, of the wrong type, or out of range."""
 
 
+class OutputError(InputError):
+    """An output path cannot be written, or something is there that would be lost."""
+
+
 class CheckpointError(InputError):
     """A run or its checkpoint is missing, damaged, or belongs to another clip."""
 

@@ -26,10 +26,10 @@ def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, 
     decomo-train with the same options finds it, and so does a second call of this command after the first was stopped.
     """
     from decomotion.clip import read_clip
-    from decomotion.errors import ConfigError
+    from decomotion.outputs import check_output
 
-    if preview is not None and preview.suffix.lower() != ".png":
-        raise ConfigError(f"--preview {preview} must end in .png")
+    if preview is not None:
+        check_output("--preview", preview, (".png",))
     frames = read_clip(clip)
 
     from decomotion.data.cuts import find_cuts

@@ -21,7 +21,7 @@ from decomotion.config import Config
 from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
 from decomotion.errors import CheckpointError, TrainingError
-from decomotion.files import replacing
+from decomotion.files import naming, replacing
 from decomotion.losses import LOSSES, applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
@@ -105,11 +105,13 @@ class Run:
                     self.prepared,
                     self.budget.seconds,
                 )
-        writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.step)
+        events = self.folder / "tensorboard"
+        with naming(events):
+            writer = SummaryWriter(str(events), purge_step=self.step)
         saved = shown = time.monotonic()
         pictures = int(self.progress * self.config.log.previews)
         bar = tqdm(total=100, desc="fit", disable=not progress, bar_format="{desc} {percentage:3.0f}%|{bar}| {postfix}")
-        with stopping() as told, closing(writer), closing(bar):
+        with stopping() as told, naming(events), closing(writer), closing(bar):
             while (done := self.progress) < 1 and not told.is_set():
                 losses = self.optimise(done)
                 self.step += 1
@@ -184,8 +186,7 @@ class Run:
 
     def _failure(self, what: str, batch: Batch) -> str:
         path = self.folder / "failed_batch.pt"
-        with replacing(path) as temporary:
-            torch.save(batch.__dict__, temporary)
+        checkpoint.write(path, batch.__dict__)
         return (
             f"{what} is not a number at step {self.step}; the batch is in {path}; "
             "lower the learning rates (--set optim.lr_transform=…) or look at the clip's supervision"

@@ -24,6 +24,8 @@ import numpy as np
 import numpy.typing as npt
 from filelock import FileLock, Timeout
 
+from decomotion.files import naming
+
 log = logging.getLogger(__name__)
 
 RECORD = "stage.json"
@@ -89,7 +91,8 @@ class Stage:
             partial.mkdir(exist_ok=True)
             os.utime(partial)
             begin = time.monotonic()
-            facts = build(partial)
+            with naming(self.folder, partial):
+                facts = build(partial)
             seconds = {**facts.pop("seconds", {self.name: time.monotonic() - begin})}
             files = {str(file.relative_to(partial)): _size(file) for file in partial.rglob("*") if file.is_file()}
             content = {"settings": self.settings, "seconds": seconds, "facts": facts, "files": files}

@@ -106,10 +106,16 @@ def tapvid(
 
     from decomo_eval.scoring import evaluate
     from decomotion.files import replacing
+    from decomotion.outputs import check_folder, check_output
 
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     if resolution is not None and baseline is None:
         raise click.UsageError("--resolution is for --baseline; files say themselves what they were tracked at")
+    if json_path is not None:
+        check_output("--json", json_path)
+    for option, folder in (("--report", report_folder), ("--plots", plots_folder), ("--overlay", overlay_folder)):
+        if folder is not None:
+            check_folder(option, folder)
     tracker = None
     if baseline is not None:
         from decomo_eval.baselines import FlowBaseline

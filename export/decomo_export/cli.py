@@ -43,8 +43,8 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
     Of a clip that was fitted with --shots split, write one model for each shot: MODEL-shot-000.onnx and so on.
     """
     from decomo_export.exporter import SUFFIX, export
-    from decomo_runtime.outputs import check_output
     from decomotion.checkpoint import latest_run
+    from decomotion.outputs import check_output
     from decomotion.shots import runs_of_shots
 
     check_output("MODEL.onnx:", model, (SUFFIX,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import warnings
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from decomo_export.parity import Parity, measure
 from decomo_export.precision import LIMIT_PIXELS, Deviation, Precision, deviation, reduce_precision
 from decomo_runtime import contract
 from decomotion import checkpoint
-from decomotion.checkpoint import Checkpoint
+from decomotion.checkpoint import Checkpoint, ClipFacts
 from decomotion.files import replacing
 from decomotion.model.readout import OBJECT_SHARE
 from decomotion.shots import runs_of_shots
@@ -185,4 +186,15 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_DEVIATION: f"{differs.mean:.4g} {differs.p99:.4g}",
         contract.META_BYTES_PER_RAY: str(graph.bytes_per_ray),
         contract.META_BYTES_PER_RENDERED_RAY: str(graph.bytes_per_rendered_ray),
+        **unusual_metadata(clip),
     }
+
+
+def unusual_metadata(clip: ClipFacts) -> dict[str, str]:
+    """What most clips do without: times of frames at a variable rate, and pixels that are not square."""
+    unusual = {}
+    if clip.times is not None:
+        unusual[contract.META_TIMES] = json.dumps([round(time, 6) for time in clip.times])
+    if clip.pixel_aspect != 1:
+        unusual[contract.META_PIXEL_ASPECT] = repr(clip.pixel_aspect)
+    return unusual

@@ -58,7 +58,6 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
-    from decomo_runtime.outputs import check_not_input, check_output
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames
@@ -66,6 +65,7 @@ def track(
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import SUFFIXES
     from decomotion.clip import read_clip
+    from decomotion.outputs import check_not_input, check_output
 
     if bool(points) + (queries_file is not None) + (grid is not None) != 1:
         raise QueryError("give the points in exactly one way: --point, --queries or --grid")
@@ -94,7 +94,8 @@ def track(
     tracks.save(out)
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
-        write_video(overlay, draw_tracks(clip.frames, tracks, mark=mark, motion=motion), clip.fps)
+        drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)
+        write_video(overlay, drawn, clip.fps, times=clip.times[tracks.frames], pixel_aspect=clip.pixel_aspect)
 
     number, length = tracks.occluded.shape
     hidden = f"{tracks.occluded.mean():.0%}" if tracks.occluded.size else "none"

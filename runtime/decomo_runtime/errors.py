@@ -22,7 +22,7 @@ class QueryError(RuntimeInputError):
 
 
 class TracksFileError(RuntimeInputError):
-    """A tracks file is not one, or an output path cannot be written."""
+    """A tracks file is not one."""
 
 
 class OverlayError(RuntimeInputError):

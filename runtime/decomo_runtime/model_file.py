@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from decomo_runtime import contract
 from decomo_runtime.errors import ModelFileError, SessionError
@@ -33,6 +36,7 @@ class ModelFacts:
     """Pixels, of the clip's own resolution; so is `width`."""
     width: int
     fps: float
+    """Frames a second, in the mean."""
     preset: str
     occlusion_threshold: float
     """A point is occluded where its occlusion score is above this."""
@@ -42,10 +46,14 @@ class ModelFacts:
     """Working memory, roughly, of one query in one frame; the default is for files that do not say."""
     bytes_per_rendered_ray: int = 16384
     """Likewise, of one query's own ray."""
+    times: tuple[float, ...] | None = None
+    """Seconds of each frame, from 0; None where `fps` says them, and in older files."""
+    pixel_aspect: float = 1.0
+    """Width of a pixel over its height; 1 in files that do not say."""
 
 
 def open_session(
-    path: Path, providers: Providers | None = None, threads: int | None = None
+    path: Path, providers: Providers | str | None = None, threads: int | None = None
 ) -> onnxruntime.InferenceSession:
     """An onnxruntime session on `path`, with its own settings; `ModelFileError` where the file does not open.
 
@@ -65,7 +73,9 @@ def open_session(
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise SessionError(f"threads must be a whole number of at least 1, got {threads!r}")
         options.intra_op_num_threads = threads
-    providers = ["CPUExecutionProvider"] if providers is None else [_exact(provider) for provider in providers]
+    if providers is None or isinstance(providers, str):
+        providers = [providers or "CPUExecutionProvider"]
+    providers = [_exact(provider) for provider in providers]
     _check_providers(providers, onnxruntime.get_available_providers())
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=providers)
@@ -95,9 +105,10 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
     _check_names("output", contract.REQUIRED_OUTPUTS, [port.name for port in session.get_outputs()], path)
     bytes_per_ray = _bytes(metadata, contract.META_BYTES_PER_RAY, path, ModelFacts.bytes_per_ray)
     rendered = max(bytes_per_ray, ModelFacts.bytes_per_rendered_ray)
+    num_frames = _number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1)
     return ModelFacts(
         clip_name=_text(metadata, contract.META_CLIP_NAME, path),
-        num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1),
+        num_frames=num_frames,
         height=_number(metadata, contract.META_HEIGHT, path, int, lambda value: value >= 1),
         width=_number(metadata, contract.META_WIDTH, path, int, lambda value: value >= 1),
         fps=_number(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
@@ -114,6 +125,14 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         ),
         bytes_per_ray=bytes_per_ray,
         bytes_per_rendered_ray=_bytes(metadata, contract.META_BYTES_PER_RENDERED_RAY, path, rendered),
+        times=_times(metadata, num_frames, path),
+        pixel_aspect=_number(
+            {contract.META_PIXEL_ASPECT: repr(ModelFacts.pixel_aspect), **metadata},
+            contract.META_PIXEL_ASPECT,
+            path,
+            float,
+            lambda value: 0 < value < math.inf,
+        ),
     )
 
 
@@ -173,6 +192,23 @@ def _number(
     if value is None or not valid(value):
         raise ModelFileError(f"{path} has the impossible metadata {key} = {text!r}; export the model again")
     return value
+
+
+def _times(metadata: Mapping[str, str], num_frames: int, path: Path) -> tuple[float, ...] | None:
+    """None where the file does not say."""
+    if contract.META_TIMES not in metadata:
+        return None
+    text = metadata[contract.META_TIMES]
+    try:
+        times = np.array(json.loads(text), np.float64)
+    except (ValueError, TypeError, RecursionError):
+        times = np.empty(0)
+    if times.shape != (num_frames,) or times[0] != 0 or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise ModelFileError(
+            f"{path} has the impossible metadata {contract.META_TIMES} = {text[:40]!r}: it must be a list of "
+            f"{num_frames} rising seconds from 0; export the model again"
+        )
+    return tuple(times.tolist())
 
 
 def _bytes(metadata: Mapping[str, str], key: str, path: Path, otherwise: int) -> int:

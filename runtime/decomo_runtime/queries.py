@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError
 from decomo_runtime.model_file import ModelFacts
+from decomo_runtime.tables import Table, opened_table
 
 COLUMNS = ("t", "x", "y")
 
@@ -80,31 +82,39 @@ def parse_points(texts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 
 def read_queries(path: str | Path) -> npt.NDArray[np.float64]:
-    """[N, 3] rows of (t, x, y) from a csv file with a header: t, x and y in any order, other columns are ignored."""
+    """[N, 3] rows of (t, x, y) from a csv file with a header: t, x and y in any order, other columns are ignored.
+
+    `tables.py` says which forms of csv are read. `QueryError` names the first line that is none.
+    """
     path = Path(path)
+    values = array("d")
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, skipinitialspace=True)
-            header = [name.strip().lower() for name in next(reader, [])]
-            missing = [name for name in COLUMNS if header.count(name) != 1]
+        with opened_table(path) as table:
+            missing = [name for name in COLUMNS if table.columns.count(name) != 1]
             if missing:
                 raise QueryError(f"{path} must begin with the header t,x,y; it has no column {', '.join(missing)}")
-            places = [header.index(name) for name in COLUMNS]
-            rows = [_csv_row(row, places, f"{path}, line {reader.line_num}", len(header)) for row in reader if row]
+            places = [table.columns.index(name) for name in COLUMNS]
+            reader = csv.reader(table.lines, delimiter=table.separator, skipinitialspace=True)
+            for row in reader:
+                if row:
+                    values.extend(_numbers(row, places, f"{path}, line {reader.line_num + 1}", table))
     except OSError as error:
         raise QueryError(f"{path} cannot be read ({error.strerror}); give a csv file with the header t,x,y") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise QueryError(f"{path} is not a text file; give a csv file with the header t,x,y") from error
-    return np.array(rows, np.float64).reshape(-1, 3)
+    except (UnicodeError, csv.Error) as error:
+        raise QueryError(f"{path} is not a text file; give a csv file in UTF-8 with the header t,x,y") from error
+    return np.array(values, np.float64).reshape(-1, 3)
 
 
-def _csv_row(row: Sequence[str], places: Sequence[int], where: str, width: int) -> list[float]:
+def _numbers(row: Sequence[str], places: Sequence[int], where: str, table: Table) -> list[float]:
+    width = len(table.columns)
     if len(row) != width:
         raise QueryError(f"{where} has {len(row)} values but the header names {width} columns; mend that line")
     try:
-        return [float(row[place]) for place in places]
+        return [float(table.number(row[place])) for place in places]
     except ValueError as error:
-        raise QueryError(f"{where} ({','.join(row)}) must give numbers for t, x and y; mend that line") from error
+        raise QueryError(
+            f"{where} ({table.separator.join(row)}) must give numbers for t, x and y; mend that line"
+        ) from error
 
 
 def parse_grid(text: str) -> tuple[float, int]:

@@ -77,10 +77,10 @@ def render(
     from decomo_runtime.errors import RenderError
     from decomo_runtime.layers import raster_size
     from decomo_runtime.layers import render as render_layers
-    from decomo_runtime.outputs import check_new_folder, check_not_input, check_output
     from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
     from decomo_runtime.tracker import Tracker
+    from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     if remove_objects and (layer is not None or size is not None):
         raise RenderError("--remove-objects keeps the clip's own pixels and size; leave out --layer and --size")
@@ -108,7 +108,8 @@ def render(
         pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)
     if is_video:
         keeps_alpha = out.suffix.lower() in ALPHA_SUFFIXES and len(layers) == 1
-        write_video(out, (_side_by_side(each, keeps_alpha) for _, each in pictures), tracker.fps)
+        layout = (_side_by_side(each, keeps_alpha) for _, each in pictures)
+        write_video(out, layout, tracker.fps, times=tracker.times[frames], pixel_aspect=tracker.pixel_aspect)
     else:
         write_sequence(out, _named(pictures, layers))
     click.echo(f"{', '.join(layers)} of {tracker.clip_name}, {len(frames)} frame{'s' * (len(frames) != 1)}")

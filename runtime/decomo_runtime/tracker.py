@@ -20,6 +20,7 @@ from decomo_runtime.chunks import frame_chunks, query_chunks
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
+from decomotion.times import steady_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +54,12 @@ class Appearance:
 class Tracker:
     """Opens the .onnx file at `path`; `ModelFileError` where it is not a model that this version reads.
 
-    `providers` are onnxruntime's execution providers in order of preference (default: the CPU); `threads` is the
-    number of threads within one operator (default: onnxruntime's choice, one for each core).
+    `providers` are onnxruntime's execution providers in order of preference, or the name of one (default: the CPU);
+    `threads` is the number of threads within one operator (default: onnxruntime's choice, one for each core).
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, providers: Providers | None = None, threads: int | None = None
+        self, path: str | os.PathLike[str], *, providers: Providers | str | None = None, threads: int | None = None
     ) -> None:
         self.path = Path(path)
         self._opened_with = (Path(path).absolute(), providers, threads)
@@ -88,8 +89,18 @@ class Tracker:
 
     @property
     def fps(self) -> float:
-        """Frames a second of the clip."""
+        """Frames a second of the clip, in the mean."""
         return self.facts.fps
+
+    @property
+    def times(self) -> npt.NDArray[np.float64]:
+        """[T], seconds of each frame of the clip, from 0."""
+        return steady_times(self.num_frames, self.fps) if self.facts.times is None else np.array(self.facts.times)
+
+    @property
+    def pixel_aspect(self) -> float:
+        """Width of the clip's pixels over their height."""
+        return self.facts.pixel_aspect
 
     @property
     def preset(self) -> str:
@@ -127,7 +138,8 @@ class Tracker:
                     contract.TRACKING, queries[rows], frames[columns]
                 )
         size = self.height, self.width
-        return Tracks(xy, occlusion > self.occlusion_threshold, occlusion, queries, frames, size)
+        occluded = occlusion > self.occlusion_threshold
+        return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])
 
     def stream(
         self,
@@ -194,5 +206,5 @@ class Tracker:
         return f"Tracker({str(self.path)!r}: {self.clip_name}, {self.num_frames} frames of {self.width}x{self.height})"
 
 
-def _reopen(path: Path, providers: Providers | None, threads: int | None) -> Tracker:
+def _reopen(path: Path, providers: Providers | str | None, threads: int | None) -> Tracker:
     return Tracker(path, providers=providers, threads=threads)

@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
+from decomo_runtime.tracks_csv import read_csv, write_csv
 from decomotion.arrays import read_npz
 from decomotion.files import replacing
 
 SUFFIXES = (".npz", ".csv")
-_CSV_HEADER = "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y"
-_CSV_FORMAT = "%d,%d,%.4f,%.4f,%.4f,%d,%d,%.4f,%.4f"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +33,17 @@ class Tracks:
     """[M], the frame number of each column."""
     size: tuple[int, int] | None = None
     """(height, width) of the clip in pixels; None where a file does not say."""
+    times: npt.NDArray[np.float64] | None = None
+    """[M], seconds of each column's frame from the clip's first; None where a file does not say."""
 
     def save(self, path: str | Path) -> None:
         """Writes `path`, whole or not at all; its suffix chooses the form.
 
         npz: `queries` float32 [N, 3] (t, x, y), `tracks` float32 [N, M, 2] (x, y), `occluded` bool [N, M],
-        `occlusion` float32 [N, M], `frames` int64 [M]; `height` and `width` int64 where the size is known.
+        `occlusion` float32 [N, M], `frames` int64 [M]; where they are known, `height` and `width` int64, and `times`
+        float64 [M], seconds.
         csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded,query_t,query_x,query_y`,
-        occluded as 0 or 1, four decimals.
+        occluded as 0 or 1, four decimals; where the times are known, `time` is the last column, in seconds.
         """
         path = Path(path)
         suffix = path.suffix.lower()
@@ -51,7 +53,8 @@ class Tracks:
             if suffix == ".npz":
                 self._write_npz(temporary)
             else:
-                self._write_csv(temporary)
+                with open(temporary, "w", encoding="utf-8", newline="") as file:
+                    write_csv(self, file)
 
     @classmethod
     def load(cls, path: str | Path) -> Tracks:
@@ -61,7 +64,7 @@ class Tracks:
         where it is another file.
         """
         if Path(path).suffix.lower() == ".csv":
-            return cls._read_csv(Path(path))
+            return cls(**read_csv(Path(path)))
         arrays = read_npz(Path(path), TracksFileError, remedy="write one with 'decomo-track'")
         missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
         if missing:
@@ -75,6 +78,7 @@ class Tracks:
             "occlusion": each,
             "queries": (points, 3),
             "frames": (length,),
+            **({"times": (length,)} if "times" in arrays else {}),
         }
         for key, shape in shapes.items():
             if arrays[key].shape != shape or arrays[key].dtype.kind not in "biuf":
@@ -92,34 +96,7 @@ class Tracks:
             arrays["queries"].astype(np.float32),
             arrays["frames"].astype(np.int64),
             (int(told[0]), int(told[1])) if told else None,
-        )
-
-    @classmethod
-    def _read_csv(cls, path: Path) -> Tracks:
-        try:
-            with open(path, encoding="utf-8") as file:
-                header, *rows = file.read().splitlines()
-            if header != _CSV_HEADER:
-                raise ValueError("another header")
-            lines = np.array([row.split(",") for row in rows], np.float64).reshape(-1, _CSV_HEADER.count(",") + 1)
-        except (OSError, ValueError) as error:
-            raise TracksFileError(
-                f"{path} is not a csv file of tracks, {_CSV_HEADER}; write one with 'decomo-track'"
-            ) from error
-        points = int(lines[:, 0].max(initial=-1)) + 1
-        whole = points > 0 and len(lines) % points == 0
-        length = len(lines) // points if whole else 0
-        if len(lines) and not (whole and (lines[:, 0] == np.repeat(np.arange(points), length)).all()):
-            raise TracksFileError(f"{path} must have a line for each point and frame, in order; some are missing")
-        table = lines.reshape(points, length, _CSV_HEADER.count(",") + 1)
-        queries = table[:, 0, 6:] if length else np.empty((0, 3))
-        frames = table[0, :, 1] if points else np.empty(0)
-        return cls(
-            table[..., 2:4].astype(np.float32),
-            table[..., 5].astype(bool),
-            table[..., 4].astype(np.float32),
-            queries.astype(np.float32),
-            frames.astype(np.int64),
+            arrays["times"].astype(np.float64) if "times" in arrays else None,
         )
 
     def _write_npz(self, path: Path) -> None:
@@ -129,22 +106,9 @@ class Tracks:
             "occluded": self.occluded,
             "occlusion": self.occlusion,
             "frames": self.frames,
+            **({} if self.times is None else {"times": self.times}),
         }
         if self.size is not None:
             arrays |= {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}
         with open(path, "wb") as file:
             np.savez_compressed(file, **arrays)
-
-    def _write_csv(self, path: Path) -> None:
-        point, column = np.indices(self.occluded.shape).reshape(2, -1)
-        lines = np.column_stack(
-            [
-                point,
-                self.frames[column],
-                self.xy.reshape(-1, 2),
-                self.occlusion.ravel(),
-                self.occluded.ravel(),
-                self.queries[point],
-            ]
-        )
-        np.savetxt(path, lines, fmt=_CSV_FORMAT, header=_CSV_HEADER, comments="", encoding="utf-8")

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomotion.arrays import npz_keys, read_npy, read_npz
+from decomotion.arrays import allocated_memmap, npz_keys, read_npy, read_npz
 from decomotion.errors import ClipError
+from full_disk import small_disk
 
 ARRAYS = {"points": np.arange(6, dtype=np.float32).reshape(2, 3), "count": np.array(2)}
 
@@ -56,3 +57,22 @@ def test_one_array(tmp_path: Path, file: Path):
     for name in ("object.npy", "short.npy", "header.npy", "absent.npy", file.name):
         with pytest.raises(ClipError, match=r"is not an \.npy file of a plain array, or is damaged"):
             read_npy(tmp_path / name, ClipError)
+
+
+@pytest.mark.parametrize("shape", [(3, 500, 7), (0, 4)])
+def test_a_mapped_file_holds_what_is_stored(tmp_path: Path, shape: tuple[int, ...]):
+    values = np.random.default_rng(0).integers(0, 2**16, shape, np.uint16)
+    mapped = allocated_memmap(tmp_path / "a.npy", np.uint16, shape)
+    assert not mapped.any()
+    mapped[:] = values
+    mapped.flush()
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), values)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.npy"]
+
+
+def test_a_mapped_file_has_no_holes_that_a_full_disk_could_not_fill(tmp_path: Path):
+    with small_disk(tmp_path / "disk", 2**20) as folder:
+        allocated_memmap(folder / "a.npy", np.uint8, (2**19,))
+        with pytest.raises(OSError, match=rf"No space left on device: '{folder / 'b.npy'}'"):
+            allocated_memmap(folder / "b.npy", np.float32, (2, 2**17))
+        assert [file.name for file in folder.iterdir()] == ["a.npy"]

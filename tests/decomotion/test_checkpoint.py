@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+import numpy as np
 import pytest
 import torch
 
 from decomotion import checkpoint
 from decomotion.checkpoint import FILE_NAME, ClipFacts, latest_run, load, save
+from decomotion.clip import Clip
 from decomotion.config import load as load_config
 from decomotion.errors import CheckpointError
 from decomotion.model.fusion import DecoMotion
+from full_disk import writes_end_at
 from tiny_fit import TINY_PRESETS, randomised, sliding_square, tiny_model
 
 TRAINING = {"step": 7, "seed": 3, "errors": torch.arange(6.0)}
@@ -62,6 +66,24 @@ def test_facts_and_training_come_back(path: Path):
     assert loaded.clip == ClipFacts("sliding", clip.digest(), 8, 32, 32, 24.0)
     assert (loaded.training["step"], loaded.training["seed"]) == (7, 3)
     assert torch.equal(loaded.training["errors"], TRAINING["errors"])
+
+
+def test_times_and_pixels_of_an_unusual_clip_come_back(tmp_path: Path, model: DecoMotion):
+    times = (0.0, 0.033, 0.067, 0.1, 0.2, 0.3, 0.4, 0.5)
+    frames = sliding_square().frames
+    clip = Clip("phone", frames, times=np.array(times), pixel_aspect=16 / 11)
+    preset = "cpu" if model.config.static.field.kind == "grid" else "paper"
+    config = load_config(preset, overrides=TINY_PRESETS[preset])
+    save(tmp_path / FILE_NAME, config, ClipFacts.of(clip), model, TRAINING)
+    found = load(tmp_path / FILE_NAME).clip
+    assert found == ClipFacts("phone", clip.digest(), 8, 32, 32, 14.0, times, 16 / 11)
+
+
+def test_a_file_from_before_clips_had_times(path: Path):
+    content = torch.load(path, weights_only=True)
+    del content["clip"]["times"], content["clip"]["pixel_aspect"]
+    torch.save(content, path)
+    assert load(path).clip == ClipFacts.of(sliding_square())
 
 
 def test_no_code_is_in_it(path: Path):
@@ -171,13 +193,22 @@ def test_code_is_refused_and_not_run(tmp_path: Path, write: Callable[[object, Pa
 def test_a_failed_save_leaves_the_former_one(path: Path, model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
     former = path.read_bytes()
 
-    def fail(content: object, file: Path) -> None:
-        Path(file).write_bytes(b"half")
+    def fail(content: object, file: BinaryIO) -> None:
+        file.write(b"half")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(torch, "save", fail)
     with pytest.raises(KeyboardInterrupt):
         save(path, load(path).config, ClipFacts.of(sliding_square()), model, {})
+    assert path.read_bytes() == former
+    assert [file.name for file in path.parent.iterdir()] == [FILE_NAME]
+
+
+def test_a_full_disk_is_an_error_that_names_the_checkpoint(path: Path, model: DecoMotion):
+    former = path.read_bytes()
+    with writes_end_at(4096), pytest.raises(OSError, match=f"{path}") as failure:
+        save(path, load(path).config, ClipFacts.of(sliding_square()), model, {})
+    assert failure.value.errno == errno.EFBIG
     assert path.read_bytes() == former
     assert [file.name for file in path.parent.iterdir()] == [FILE_NAME]
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import click
 import pytest
 import torch
+from tensorboard.summary.writer.record_writer import RecordWriter
 
 from decomotion import checkpoint
 from decomotion.cli import command, main
 from decomotion.clip import Clip
 from decomotion.losses import LOSSES, Loss
 from decomotion.options import Duration
+from full_disk import writes_end_at
 from interruption import ctrl_c, interruption
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
@@ -50,6 +53,47 @@ def test_from_frames_to_a_run(frames: Path, capsys: pytest.CaptureFixture[str]):
 
     assert main([str(frames), "--resume", "--steps", "3"]) == 0
     assert checkpoint.load(Path("runs/sliding/checkpoint.pt")).training["step"] == 3
+
+
+def test_a_place_that_cannot_be_written_is_found_first(
+    frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("decomotion.train.fit", lambda *_, **__: pytest.fail("it began"))
+    said = refused([frames, "--steps", "2", "--out", tmp_path / "file" / "run"], capsys)
+    assert said.startswith(f"Error: --out {tmp_path / 'file' / 'run'} cannot be written")
+
+
+def test_a_full_disk_of_the_cache(frames: Path, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
+    with writes_end_at(1000):
+        assert f"Error: {tmp_path / 'cache'}" in refused([frames, "--steps", "2", *SET_TINY], capsys).splitlines()[-1]
+
+
+def test_a_full_disk_of_the_run(frames: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([str(frames), "--steps", "1", "--out", "../prepared", *SET_TINY]) == 0
+    capsys.readouterr()
+    with writes_end_at(4096):
+        assert main([str(frames), "--steps", "2", *SET_TINY]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == "Error: runs/sliding/checkpoint.pt: File too large"
+    assert not list(Path("runs/sliding").rglob("*.partial*"))
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_a_full_disk_of_the_events(
+    after: int, frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    written = RecordWriter.write
+    events = iter(range(100))
+
+    def write(self: RecordWriter, data: bytes) -> None:
+        if next(events) >= after:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written(self, data)
+
+    monkeypatch.setattr(RecordWriter, "write", write)
+    assert main([str(frames), "--steps", "20", *SET_TINY]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == "Error: runs/sliding/tensorboard: No space left on device"
 
 
 def test_another_preset_folder_and_masks(frames: Path, tmp_path: Path):

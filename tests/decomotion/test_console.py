@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import logging
+import threading
 from collections.abc import Callable
 
 import click
@@ -73,6 +75,27 @@ def test_a_full_disk_is_2(capsys: pytest.CaptureFixture[str]):
 
     assert run(command_that(write), []) == 2
     assert capsys.readouterr().err == "Error: No space left on device\n"
+
+
+@pytest.mark.parametrize(("error", "shown"), [(OSError(errno.ENOSPC, "full"), False), (ZeroDivisionError(), True)])
+def test_a_full_disk_in_a_thread_is_told_by_who_waits_for_it(
+    error: Exception, shown: bool, monkeypatch: pytest.MonkeyPatch
+):
+    seen: list[type[BaseException]] = []
+    monkeypatch.setattr(threading, "excepthook", lambda failure: seen.append(failure.exc_type))
+
+    def act() -> None:
+        def fail() -> None:
+            raise error
+
+        thread = threading.Thread(target=fail)
+        thread.start()
+        thread.join(timeout=60)
+
+    hook = threading.excepthook
+    run(command_that(act), [])
+    assert seen == ([type(error)] if shown else [])
+    assert threading.excepthook is hook
 
 
 def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.CaptureFixture[str]):

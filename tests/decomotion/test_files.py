@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
-from decomotion.files import new_folder, replacing
+from decomotion.files import naming, new_folder, replacing
+from full_disk import writes_end_at
 
 
 def names_in(folder: Path) -> list[str]:
@@ -102,3 +108,74 @@ def test_a_folder_with_something_in_it_is_not_replaced(tmp_path: Path):
         (temporary / "a").touch()
     assert names_in(tmp_path) == ["frames"]
     assert names_in(tmp_path / "frames") == ["old"]
+
+
+VALUES = np.random.default_rng(0).integers(0, 256, 50_000, np.uint8)
+
+
+def saved_by_torch(path: Path) -> None:
+    with path.open("wb") as file:
+        torch.save({"values": torch.from_numpy(VALUES)}, file)
+
+
+def saved_by_numpy(save: Callable[..., None]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            save(file, VALUES)
+
+    return write
+
+
+def copied(path: Path) -> None:
+    source = path.with_name("source")
+    shutil.copyfile(source, path)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: path.write_bytes(VALUES.tobytes()),
+        saved_by_torch,
+        *(saved_by_numpy(save) for save in (np.save, np.savez, np.savez_compressed)),
+        copied,
+    ],
+)
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path, write: Callable[[Path], None]):
+    target = tmp_path / "out" / "model.bin"
+    target.parent.mkdir()
+    target.write_bytes(b"old")
+    (target.parent / "source").write_bytes(VALUES.tobytes())
+    with writes_end_at(20_000), pytest.raises(OSError) as failure, replacing(target) as temporary:  # noqa: PT011
+        write(temporary)
+    assert failure.value.filename == str(target)
+    assert failure.value.strerror is not None
+    assert target.read_bytes() == b"old"
+    assert sorted(names_in(target.parent)) == ["model.bin", "source"]
+
+
+def test_a_full_disk_is_an_error_that_names_the_folder(tmp_path: Path):
+    with writes_end_at(20_000), pytest.raises(OSError) as failure, new_folder(tmp_path / "frames") as temporary:  # noqa: PT011, PT012
+        (temporary / "a").write_bytes(b"whole")
+        (temporary / "b").write_bytes(VALUES.tobytes())
+    assert failure.value.filename == str(tmp_path / "frames")
+    assert names_in(tmp_path) == []
+
+
+def raised_in(block: Path, error: Exception) -> Exception:
+    with pytest.raises(type(error)) as caught, naming(block):
+        raise error
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError("no file to name"),
+        OSError(errno.ENOSPC, "No space left on device", "/elsewhere/a"),
+        PermissionError(errno.EACCES, "Permission denied"),
+        RuntimeError("of another kind"),
+        ValueError("not of a file"),
+    ],
+)
+def test_other_errors_are_left_alone(tmp_path: Path, error: Exception):
+    assert raised_in(tmp_path, error) is error

@@ -41,6 +41,16 @@ def test_scores_are_printed_and_written(
     assert list(out.parent.iterdir()) == [out]
 
 
+@pytest.mark.parametrize("option", ["--json", "--report", "--plots", "--overlay"])
+def test_a_place_that_cannot_be_written_is_found_first(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("decomo_eval.scoring.evaluate", lambda *_, **__: pytest.fail("it began"))
+    assert main(["tapvid", "none.pkl", "--predictions", "none", option, str(tmp_path / "file" / "a")]) == 2
+    assert capsys.readouterr().err.startswith(f"Error: {option} {tmp_path / 'file' / 'a'} cannot be written")
+
+
 def test_absent_and_undefined_videos_are_named(
     dataset: Path,
     dataset_content: dict[str, Any],

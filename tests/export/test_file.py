@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import onnx
 import onnxruntime
 import pytest
@@ -13,8 +14,13 @@ from onnx import TensorProto
 
 import decomo_export
 import decomotion
-from decomo_runtime import contract
+from decomo_export.exporter import unusual_metadata
+from decomo_runtime import Tracker, contract
+from decomotion.checkpoint import ClipFacts
+from decomotion.clip import Clip
 from tiny_export import Export
+from tiny_fit import sliding_square
+from tiny_model import write_tiny_model
 
 AXES = {
     contract.QUERIES: ("N", 3),
@@ -122,3 +128,14 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_PRECISION: "fp32",
         contract.META_DEVIATION: "0 0",
     }
+
+
+def test_metadata_of_an_unusual_clip(tmp_path: Path):
+    times = np.array([0, 1 / 30, 0.066667, 0.1, 0.2, 0.3, 0.4, 0.5])
+    frames = sliding_square().frames
+    metadata = unusual_metadata(ClipFacts.of(Clip("phone", frames, times=times, pixel_aspect=16 / 11)))
+    assert unusual_metadata(ClipFacts.of(Clip("plain", frames, 24.0))) == {}
+    size = {"num_frames": 8, "height": 32, "width": 32}
+    tracker = Tracker(write_tiny_model(tmp_path / "model.onnx", **size, metadata=metadata))
+    np.testing.assert_allclose(tracker.times, times, atol=1e-6)
+    assert tracker.pixel_aspect == 16 / 11

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -11,6 +12,7 @@ import pytest
 
 from decomo_runtime import Tracks, contract
 from decomo_runtime.cli import main
+from decomo_runtime.pictures import write_video
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 
@@ -64,6 +66,24 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
         assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
         assert stream.average_rate == 24
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
+
+
+def test_the_overlay_of_a_variable_rate_lasts_as_long_as_the_clip(write_model: Callable[..., Path], tmp_path: Path):
+    times = np.array([0, 0.033, 0.067, 0.1, 0.4, 0.7])
+    noise = np.random.default_rng(0).integers(0, 256, (NUM_FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    clip = tmp_path / "phone.mp4"
+    write_video(clip, noise, 30.0, times=times, pixel_aspect=16 / 11)
+    model = write_model({contract.META_TIMES: str(times.tolist())})
+    out, overlay = tmp_path / "tracks.csv", tmp_path / "tracks.mp4"
+    arguments = ["--point", "0,3,4", "--frames", "1:6", "--out", out, "--overlay", overlay, "--clip", clip]
+    assert main([str(argument) for argument in (model, *arguments)]) == 0
+    np.testing.assert_allclose(Tracks.load(out).times, times[1:])
+    with av.open(str(overlay)) as container:
+        stream = container.streams.video[0]
+        shown = [frame.time for frame in container.decode(stream)]
+        assert (stream.duration or 0) * (stream.time_base or 0) == pytest.approx(times[-1] - times[1] + 0.3, abs=0.001)
+        assert stream.sample_aspect_ratio == Fraction(16, 11)
+    np.testing.assert_allclose(shown, times[1:] - times[1], atol=0.001)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,8 @@ OPTIONAL = (
     contract.META_BAKE,
     contract.META_PRECISION,
     contract.META_DEVIATION,
+    contract.META_TIMES,
+    contract.META_PIXEL_ASPECT,
 )
 
 
@@ -39,6 +41,43 @@ def test_facts(tracker: Tracker):
     assert (tracker.num_frames, tracker.height, tracker.width) == (6, 40, 48)
     assert (tracker.fps, tracker.clip_name, tracker.preset) == (12.5, "slide", "cpu")
     assert tracker.occlusion_threshold == 0.5
+    assert tracker.pixel_aspect == 1
+    np.testing.assert_array_equal(tracker.times, np.arange(6) / 12.5)
+
+
+def test_facts_of_an_unusual_clip(write_model: WriteModel):
+    times = [0, 0.033, 0.067, 0.5, 0.6, 2]
+    path = write_model({contract.META_TIMES: str(times), contract.META_PIXEL_ASPECT: repr(16 / 11)})
+    tracker = Tracker(path, providers="CPUExecutionProvider")
+    np.testing.assert_array_equal(tracker.times, times)
+    assert tracker.pixel_aspect == 16 / 11
+    np.testing.assert_array_equal(tracker.track([(0, 3, 4)]).times, times)
+    np.testing.assert_array_equal(tracker.track([(0, 3, 4)], [4, 1]).times, [0.6, 0.033])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{}", "7", "null", "[" * 9999),
+        *(
+            "[]",
+            "[0, 1, 2]",
+            "[0, 1, 2, 3, 4, 4]",
+            "[1, 2, 3, 4, 5, 6]",
+            "[0, 1, 2, 3, 4, NaN]",
+            "[0, 1, 2, 3, 4, 1e999]",
+        ),
+        *('["a", 1, 2, 3, 4, 5]', "[[0], [1], [2], [3], [4], [5]]", "[[0], 1, 2, 3, 4, 5]"),
+    ],
+)
+def test_times_that_are_none(write_model: WriteModel, text: str):
+    said = refusal(write_model({contract.META_TIMES: text}))
+    assert "it must be a list of 6 rising seconds from 0; export the model again" in said
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "16:11"])
+def test_a_pixel_aspect_that_is_none(write_model: WriteModel, text: str):
+    assert "impossible metadata decomotion.pixel_aspect" in refusal(write_model({contract.META_PIXEL_ASPECT: text}))
 
 
 def test_missing(tmp_path: Path):

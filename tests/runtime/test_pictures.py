@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime.pictures import evened, flattened, tiled, write_png, write_sequence, write_video
+from full_disk import writes_end_at
 
 RED, BLUE = (220, 30, 40), (30, 60, 210)
 
@@ -36,6 +38,84 @@ def test_video_plays_in_browsers(tmp_path: Path, fps: float):
         np.testing.assert_allclose(frame[10, 30], RED, atol=6)  # 8-bit YUV and the encoder's loss
         np.testing.assert_allclose(frame[36, 30], BLUE, atol=6)
     assert list(path.parent.iterdir()) == [path]
+
+
+FORMS = [".mp4", ".webm", ".mov"]
+
+
+def noise(frames: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (frames, 48, 64, 3), np.uint8)
+
+
+def shown_at(path: Path) -> tuple[list[float], float]:
+    """The second at which each frame is shown, and the length of the whole."""
+    with av.open(f"file:{path}") as container:
+        times = [frame.time for frame in container.decode(video=0) if frame.time is not None]
+        assert container.duration is not None
+        return times, container.duration / av.time_base
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_frames_of_a_variable_rate_are_shown_when_they_were_taken(tmp_path: Path, form: str):
+    path = tmp_path / f"a{form}"
+    times = np.cumsum([2.5, *[0.033] * 7, *[0.1] * 6])  # a recording that says 30 a second and has 15
+    write_video(path, noise(len(times)), 30.0, times=times)
+    shown, length = shown_at(path)
+    np.testing.assert_allclose(shown, times - 2.5, atol=0.001)  # webm counts milliseconds
+    assert length == pytest.approx(times[-1] - 2.5 + 0.1, abs=0.001)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("seconds", [1.6, 2000.0, 86400.0])
+def test_a_slow_time_lapse_is_slow(tmp_path: Path, form: str, seconds: float):
+    for number, times in enumerate([None, 7 + seconds * np.arange(5)]):
+        write_video(tmp_path / f"{number}{form}", noise(5), 1 / seconds, times=times)
+        shown, length = shown_at(tmp_path / f"{number}{form}")
+        np.testing.assert_allclose(shown, seconds * np.arange(5), atol=0.001)
+        assert length == pytest.approx(5 * seconds, abs=0.001)
+
+
+def test_milliseconds_are_a_steady_rate(tmp_path: Path):
+    """Matroska counts them: frames at 30 a second come at 0, 33, 67, 100."""
+    times = np.rint(1000 * np.arange(12) / 30) / 1000
+    write_video(tmp_path / "a.mp4", noise(12), 30.0, times=times)
+    write_video(tmp_path / "b.mp4", noise(12), 30.0)
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_times_that_are_no_times_lose_no_frame(tmp_path: Path, form: str):
+    write_video(tmp_path / f"a{form}", noise(4), 30.0, times=[0.0, 0.1, 0.1, 0.2])
+    shown, _ = shown_at(tmp_path / f"a{form}")
+    assert len(set(shown)) == 4
+
+
+@pytest.mark.parametrize("name", ["m:1", "12:30:00", "a%d", "a%03d", "pipe:", "file:a", "http:x", "C:\\a", "a?b#c"])
+def test_names_are_no_protocols_and_no_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str):
+    monkeypatch.chdir(tmp_path)
+    for form in FORMS:
+        write_video(f"{name}{form}", noise(2), 24.0)
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted(f"{name}{form}" for form in FORMS)
+
+
+@pytest.mark.parametrize("aspect", [16 / 11, 8 / 9])
+def test_pixels_that_are_not_square(tmp_path: Path, aspect: float):
+    for form in FORMS:
+        write_video(tmp_path / f"a{form}", noise(2), 24.0, pixel_aspect=aspect)
+        with av.open(str(tmp_path / f"a{form}")) as container:
+            stream = container.streams.video[0]
+            shape = Fraction(stream.width, stream.height) * (stream.sample_aspect_ratio or 1)
+            assert float(shape) == pytest.approx(64 / 48 * aspect, rel=0.03)  # of a webm: even numbers of pixels
+            assert (stream.width == 64 and stream.height == 48) == (form != ".webm")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_full_disk_leaves_nothing(tmp_path: Path, form: str):
+    path = tmp_path / f"a{form}"
+    with writes_end_at(50_000), pytest.raises(OSError, match=re.escape(str(path))) as failure:
+        write_video(path, noise(60), 24.0)
+    assert failure.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_one_frame(tmp_path: Path):

@@ -100,11 +100,23 @@ def test_bad_point(text: str):
         "y,t,x\n2,0,1.5\n5,3,4\n",
         "\ufefft,x,y\r\n0,1.5,2\r\n\r\n3,4,5",
         "name, T, X, Y\nfoot, 0, 1.5, 2\nhand, 3, 4, 5\n",
+        "t;x;y\n0;1.5;2\n3;4;5\n",
+        "t;x;y\r\n0;1,5;2\r\n3;4,0;5\r\n",
+        "t\tx\ty\n0\t1.5\t2\n3\t4\t5\n",
+        "t\ty\tx\tname\n0\t2\t1,5\tleft, below\n3\t5\t4\t\n",
+        '"t";"x";"y";"name"\n0;1,5;2;"a;b"\n3;4;5;"c"\n',
     ],
 )
 def test_csv(tmp_path: Path, text: str):
     path = tmp_path / "q.csv"
     path.write_text(text, encoding="utf-8")
+    np.testing.assert_array_equal(read_queries(path), [[0, 1.5, 2], [3, 4, 5]])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_csv_in_any_encoding(tmp_path: Path, encoding: str):
+    path = tmp_path / "q.csv"
+    path.write_text("name,t,x,y\nFüße,0,1.5,2\nHände,3,4,5\n", encoding=encoding)
     np.testing.assert_array_equal(read_queries(path), [[0, 1.5, 2], [3, 4, 5]])
 
 
@@ -123,7 +135,12 @@ def test_csv_without_points(tmp_path: Path):
         (b"t,x,y\n0,1,2\n0,one,2\n", r"line 3 \(0,one,2\) must give numbers"),
         (b"t,x,y\n0,1,2\n\n0,1\n", "line 4 has 2 values but the header names 3 columns"),
         (b"t,x,y\n0,1,2,3\n", "line 2 has 4 values"),
-        (b"t,x,y\n\xff\xfe,1,2\n", "is not a text file"),
+        (b"t,x,y\n\xff\xfe,1,2\n", r"line 2 \(.*,1,2\) must give numbers"),
+        (b"t;x;y\n0;1,000,5;2\n", r"line 2 \(0;1,000,5;2\) must give numbers"),
+        (b"t,x,y\n0,1;5,2\n", r"line 2 \(0,1;5,2\) must give numbers"),
+        (b"t|x|y\n0|1|2\n", "must begin with the header t,x,y"),
+        ("t,x,y\n0,1,2\n".encode("utf-16-le"), "is not a text file; give a csv file in UTF-8"),
+        (b"\xff\xfet", "is not a text file"),
     ],
 )
 def test_bad_csv(tmp_path: Path, content: bytes, reason: str):

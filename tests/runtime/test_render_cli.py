@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -8,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker, Tracks, removal, render
+from decomo_runtime import Tracker, Tracks, contract, removal, render
 from decomo_runtime.contract import LAYERS, META_OBJECT_SHARE
 from decomo_runtime.pictures import flattened
 from decomo_runtime.render_cli import main
@@ -51,6 +52,22 @@ def test_a_layer_as_a_video(model_path: Path, tracker: Tracker, tmp_path: Path, 
     printed = capsys.readouterr().out.splitlines()
     assert printed == ["fused of slide, 6 frames", f"wrote {out}"]
     assert list(out.parent.iterdir()) == [out]
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "m:1.webm", "a.mov"])
+def test_a_variable_rate_and_pixels_that_are_not_square(
+    write_model: Callable[..., Path], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    times = np.array([0, 0.033, 0.067, 0.1, 0.4, 0.7])
+    model = write_model({contract.META_TIMES: str(times.tolist()), contract.META_PIXEL_ASPECT: repr(16 / 11)})
+    monkeypatch.chdir(tmp_path)
+    assert run(model, "--layer", "mask", "--frames", "2:6", "--out", name) == 0
+    with av.open(f"file:{name}") as container:
+        stream = container.streams.video[0]
+        shown = [frame.time for frame in container.decode(stream)]
+        shape = Fraction(stream.width, stream.height) * (stream.sample_aspect_ratio or 1)
+        assert float(shape) == pytest.approx(WIDTH / HEIGHT * 16 / 11, rel=0.02)
+    np.testing.assert_allclose(shown, times[2:] - times[2], atol=0.001)
 
 
 def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):

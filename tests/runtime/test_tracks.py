@@ -1,17 +1,20 @@
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import pytest
 
 from decomo_runtime import Tracks, TracksFileError
+from full_disk import writes_end_at
 
 FIELDS = ("xy", "occluded", "occlusion", "queries", "frames")
 
 
-def some_tracks(points: int = 3, frames: int = 4) -> Tracks:
+def some_tracks(points: int = 3, frames: int = 4, timed: bool = False) -> Tracks:
     rng = np.random.default_rng(0)
     occlusion = rng.random((points, frames), np.float32)
     return Tracks(
@@ -21,18 +24,21 @@ def some_tracks(points: int = 3, frames: int = 4) -> Tracks:
         rng.random((points, 3), np.float32),
         np.arange(frames) + 7,
         (90, 160),
+        np.cumsum(rng.random(frames)) if timed else None,
     )
 
 
+@pytest.mark.parametrize("timed", [False, True])
 @pytest.mark.parametrize("shape", [(3, 4), (0, 4), (3, 0), (0, 0), (1, 1)])
-def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int]):
-    tracks = some_tracks(*shape)
+def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int], timed: bool):
+    tracks = some_tracks(*shape, timed)
     tracks.save(tmp_path / "a.npz")
     again = Tracks.load(tmp_path / "a.npz")
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(again, field), getattr(tracks, field))
         assert getattr(again, field).dtype == getattr(tracks, field).dtype
     assert again.size == (90, 160)
+    assert again.times is None if tracks.times is None else np.array_equal(again.times, tracks.times)
 
 
 def test_the_size_is_optional_but_not_half_of_it(tmp_path: Path):
@@ -107,6 +113,77 @@ def test_csv_round_trip(tmp_path: Path, shape: tuple[int, int]):
         assert getattr(again, field).dtype == getattr(tracks, field).dtype
 
 
+def test_csv_with_times_by_hand(tmp_path: Path):
+    tracks = Tracks(
+        np.array([[[1.5, 2], [3, -4.25]]], np.float32),
+        np.array([[False, True]]),
+        np.array([[0.125, 0.75]], np.float32),
+        np.array([[5, 1.5, 2]], np.float32),
+        np.array([5, 9]),
+        times=np.array([0.166667, 1.2]),
+    )
+    tracks.save(tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text() == (
+        "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time\n"
+        "0,5,1.5000,2.0000,0.1250,0,5,1.5000,2.0000,0.166667\n"
+        "0,9,3.0000,-4.2500,0.7500,1,5,1.5000,2.0000,1.200000\n"
+    )  # fmt: skip
+    np.testing.assert_array_equal(Tracks.load(tmp_path / "a.csv").times, tracks.times)
+
+
+@pytest.mark.parametrize("shape", [(700, 53), (2, 40_000), (40_000, 2)])
+def test_csv_of_many_lines(tmp_path: Path, shape: tuple[int, int]):
+    tracks = some_tracks(*shape, timed=True)
+    tracks.queries[:, 0] = np.arange(shape[0])
+    tracks.save(tmp_path / "a.csv")
+    again = Tracks.load(tmp_path / "a.csv")
+    for field in (*FIELDS, "times"):
+        np.testing.assert_allclose(getattr(again, field), getattr(tracks, field), rtol=1e-6, atol=5.1e-5)
+
+
+def peak(act: Callable[[], object]) -> int:
+    tracemalloc.start()
+    act()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most
+
+
+def test_csv_takes_little_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("decomo_runtime.tracks_csv.LINES", 1024)
+    tracks = some_tracks(400, 50, timed=True)
+    assert peak(lambda: tracks.save(tmp_path / "a.csv")) < 400_000  # of a block, whatever the number of lines
+    assert peak(lambda: Tracks.load(tmp_path / "a.csv")) < 80 * 400 * 50  # 80 bytes a line
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize(("separator", "point"), [(",", "."), (";", "."), (";", ","), ("\t", ",")])
+def test_csv_as_a_spreadsheet_saves_it(tmp_path: Path, encoding: str, separator: str, point: str):
+    path = tmp_path / "a.csv"
+    tracks = some_tracks(timed=True)
+    tracks.save(path)
+    lines = [[f"{cell}" for cell in line.split(",")] for line in path.read_text().splitlines()]
+    lines = [[f"Fuß {row}" if row else "name", *reversed(line)] for row, line in enumerate(lines)]  # columns moved
+    text = "\r\n".join(separator.join(cell.replace(".", point) for cell in line) for line in lines) + "\r\n\r\n"
+    expected = Tracks.load(path)
+    path.write_text(text, encoding=encoding, newline="")
+    again = Tracks.load(path)
+    for field in (*FIELDS, "times"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(expected, field))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_a_full_disk_leaves_the_former_file(tmp_path: Path, suffix: str):
+    path = tmp_path / f"a{suffix}"
+    some_tracks().save(path)
+    former = path.read_bytes()
+    with writes_end_at(20_000), pytest.raises(OSError, match="File too large") as failure:
+        some_tracks(200, 50).save(path)
+    assert failure.value.filename == str(path)
+    assert path.read_bytes() == former
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("damage", [lambda text: text[:60], lambda text: text.replace("point", "p"), lambda text: ""])
 def test_a_damaged_csv(tmp_path: Path, damage: Callable[[str], str]):
     some_tracks().save(tmp_path / "a.csv")
@@ -116,10 +193,12 @@ def test_a_damaged_csv(tmp_path: Path, damage: Callable[[str], str]):
         Tracks.load(path)
 
 
-def test_a_csv_with_lines_missing(tmp_path: Path):
-    some_tracks().save(tmp_path / "a.csv")
-    lines = (tmp_path / "a.csv").read_text().splitlines(keepends=True)
-    (tmp_path / "a.csv").write_text("".join([*lines[:3], *lines[4:]]))
+@pytest.mark.parametrize("order", [[0, 1, 2, 4, 5], [0, 1, 2, 3, 4, 6], [1, 0, 2, 3, 4, 5], [2, 3, 4, 5], [0, 1, 4, 5]])
+def test_a_csv_with_lines_missing(tmp_path: Path, order: list[int]):
+    some_tracks(3, 2).save(tmp_path / "a.csv")
+    head, *lines = (tmp_path / "a.csv").read_text().splitlines(keepends=True)
+    lines = [*lines, lines[4].replace("7", "9")]
+    (tmp_path / "a.csv").write_text("".join([head, *(lines[number] for number in order)]))
     with pytest.raises(TracksFileError, match="must have a line for each point and frame"):
         Tracks.load(tmp_path / "a.csv")
 
@@ -135,8 +214,8 @@ def test_a_failed_save_leaves_the_former_file(tmp_path: Path, monkeypatch: pytes
     path = tmp_path / "a.csv"
     path.write_text("former")
 
-    def full_disk(file: Path, *args: object, **options: object) -> None:
-        Path(file).write_text("half")
+    def full_disk(file: TextIO, *args: object, **options: object) -> None:
+        file.write("half")
         raise OSError("no space left")
 
     monkeypatch.setattr(np, "savetxt", full_disk)

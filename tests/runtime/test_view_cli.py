@@ -18,6 +18,7 @@ import pytest
 from decomo_runtime.view import cli
 from decomo_runtime.view.site import PAGE
 from decomotion.clip import read_clip
+from full_disk import writes_end_at
 from tiny_model import write_tiny_model
 
 
@@ -54,6 +55,14 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     assert printed.err.startswith("Error: ")
     assert printed.err.count("\n") == 1
     return printed.err
+
+
+@pytest.mark.parametrize("size", [1000, 2_000_000])
+def test_a_full_disk_leaves_nothing(model_path: Path, tmp_path: Path, size: int, capsys: pytest.CaptureFixture[str]):
+    with writes_end_at(size):  # a file of the page itself, or one in a folder of it
+        said = refusal(capsys, model_path, "--export", tmp_path / "new" / "site")
+    assert said == f"Error: {tmp_path / 'new' / 'site'}: File too large\n"
+    assert list((tmp_path / "new").iterdir()) == []
 
 
 def test_refuses_what_is_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -78,10 +78,12 @@ def command(
     from decomo_eval.bench.engine import LocalEngine
     from decomo_eval.bench.run import bench
     from decomo_eval.bench.task import command_options
+    from decomotion.outputs import check_folder
 
     if time_budget is not None and steps is not None:
         raise click.UsageError("give --time-budget or --steps, not both")
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
+    check_folder("--out", out)
     options = command_options(preset, time_budget, steps, seed, overrides)
     if engine == "ray":
         where = RayEngine(address, cpus_per_task or 1, gpus_per_task or 0, jobs)

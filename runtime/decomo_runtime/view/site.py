@@ -7,11 +7,11 @@ import shutil
 from pathlib import Path
 
 from decomo_runtime.model_file import ModelFacts, open_session, read_facts
-from decomo_runtime.outputs import check_new_folder
 from decomo_runtime.overlay import check_clip
 from decomotion.clip import Clip, read_clip
-from decomotion.files import new_folder
+from decomotion.files import naming, new_folder
 from decomotion.images import jpeg
+from decomotion.outputs import check_new_folder
 
 PAGE = Path(__file__).parent / "page"
 MODEL_NAME = "model.onnx"
@@ -35,17 +35,23 @@ def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip |
 
 
 def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
-    """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`."""
-    for part in PAGE.iterdir():  # not the page's folder as a whole: its permissions would come along
-        (shutil.copytree if part.is_dir() else shutil.copyfile)(part, folder / part.name)
-    shutil.copyfile(model, folder / MODEL_NAME)
-    frames = [] if clip is None else _write_frames(folder / "clip", clip)
-    site = {"model": MODEL_NAME, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
-    (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
+    """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`.
+
+    Raises `OSError`, naming `folder`, where the disk is full.
+    """
+    with naming(folder):
+        for part in PAGE.rglob("*"):
+            if part.is_file():  # and not the folders themselves: their permissions would come along
+                (folder / part.relative_to(PAGE)).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(part, folder / part.relative_to(PAGE))
+        shutil.copyfile(model, folder / MODEL_NAME)
+        frames = [] if clip is None else _write_frames(folder / "clip", clip)
+        site = {"model": MODEL_NAME, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
+        (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
 
 
 def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
-    """Makes `folder`, whole or not at all; `TracksFileError` where something is there that would be lost."""
+    """Makes `folder`, whole or not at all; `OutputError` where something is there that would be lost."""
     check_new_folder("--export", folder)
     with new_folder(folder) as temporary:
         write_site(temporary, model, clip)

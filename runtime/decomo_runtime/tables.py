@@ -1,0 +1,59 @@
+"""Csv files as people and spreadsheets write them, line by line.
+
+Cells are separated by commas, semicolons or tabs, whichever the header has most of; where that is not the comma, a
+comma in a number is its decimal point. Text is UTF-8, UTF-16 with its mark, or else Latin-1.
+"""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+SEPARATORS = (",", ";", "\t")
+_PIECE = 2**16
+
+
+@dataclass(frozen=True)
+class Table:
+    """An open csv file, its header read."""
+
+    columns: list[str]
+    """The header's names, in lower case; none of an empty file."""
+    separator: str
+    lines: TextIO
+    """What follows the header."""
+
+    def number(self, text: str) -> str:
+        """A cell, or a line, as `float` or numpy takes its numbers."""
+        return text if self.separator == "," else text.replace(",", ".")
+
+
+@contextmanager
+def opened_table(path: Path) -> Iterator[Table]:
+    """Opens a csv file. Raises `OSError` where it cannot be read, `UnicodeError` where it is not text."""
+    with open(path, newline="", encoding=_encoding(path)) as file:
+        header = file.readline()
+        separator = max(SEPARATORS, key=header.count)
+        names = [name.strip().strip('"').strip().lower() for name in header.split(separator)] if header.strip() else []
+        yield Table(names, separator, file)
+
+
+def _encoding(path: Path) -> str:
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    encoding = "utf-8-sig"
+    with open(path, "rb") as file:
+        if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            return "utf-16"
+        file.seek(0)
+        while piece := file.read(_PIECE):
+            if b"\0" in piece:
+                raise UnicodeError("a zero byte")
+            try:
+                decoder.decode(piece)
+            except UnicodeDecodeError:
+                encoding = "latin-1"
+    return encoding
