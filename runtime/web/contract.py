@@ -1,6 +1,6 @@
 """Writes `src/model/contract.ts`, what the page shares with the runtime, which states it.
 
-    python runtime/web/contract.py
+python runtime/web/contract.py
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
@@ -87,12 +88,13 @@ class Task:
         """Writes what an attempt reads. Raises `DatasetError` where a frame does not decode."""
         write_frames(video, self.frames)
 
-    def attempt(self, number: int, threads: int) -> Outcome:
+    def attempt(self, number: int, threads: int, variables: Mapping[str, str] = MappingProxyType({})) -> Outcome:
         """Fits and exports the video. A command that fails is an outcome, not an exception.
 
         Args:
             number: of the attempt, from 1.
             threads: of OpenMP, and so of torch.
+            variables: further ones of the commands' environment.
         """
         if not self.frames.is_dir():
             where = f"{self.frames} is not there on {platform.node()}"
@@ -106,7 +108,7 @@ class Task:
             "train": (str(self.frames), "--out", str(run), "--shots", "ignore", *self.options),
             "export": (str(model), "--run", str(run)),
         }
-        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads)}
+        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads), **variables}
         with open(self.folder / "log.txt", "wb") as log:
             for stage, command in self.commands.items():
                 begin, line = time.monotonic(), [sys.executable, *command, *arguments[stage]]
