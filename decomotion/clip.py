@@ -6,35 +6,63 @@ Frames are RGB. Pixel centres lie at integers, frames are counted from 0 (`docs/
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
+from decomotion.frame_files import frame_files, read_frames
+from decomotion.frame_files import images_in as images_in  # for the masks of the user
+from decomotion.video import ROUNDING, read_video
 
-if TYPE_CHECKING:
-    import av
+log = logging.getLogger(__name__)
 
-IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEFAULT_FPS = 24.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, eq=False)
 class Clip:
-    """Frames of one video."""
+    """Frames of one video.
+
+    Args:
+        name: the folder's or the file's name.
+        frames: uint8 [T, H, W, 3], RGB.
+        fps: of frames at an even rate; 24 where neither this nor `times` is given.
+        times: instead, the seconds of each frame.
+        pixel_aspect: width of a pixel over its height.
+    """
 
     name: str
     """The folder's or the file's name."""
     frames: npt.NDArray[np.uint8]
     """[T, H, W, 3], RGB."""
-    fps: float
-    """Frames a second; 24 where the source is a folder."""
+    times: npt.NDArray[np.float64]
+    """[T], seconds of each frame, from 0, strictly increasing; of a folder: index / 24."""
+    pixel_aspect: float
+    """Width of a pixel over its height as it is to be shown: 1 where pixels are square."""
+
+    def __init__(
+        self,
+        name: str,
+        frames: npt.NDArray[np.uint8],
+        fps: float | None = None,
+        *,
+        times: npt.ArrayLike | None = None,
+        pixel_aspect: float = 1.0,
+    ) -> None:
+        if times is None:
+            times = np.arange(len(frames)) / (fps or DEFAULT_FPS)
+        elif fps is not None:
+            raise TypeError("a clip has either a rate or times, not both")
+        times = np.asarray(times, np.float64)
+        if times.shape != (len(frames),) or not (np.diff(times) > 0).all() or times[:1].any():
+            raise ValueError(f"a clip of {len(frames)} frames has as many increasing times, from 0, but got {times}")
+        for field, value in {"name": name, "frames": frames, "times": times, "pixel_aspect": pixel_aspect}.items():
+            object.__setattr__(self, field, value)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -49,15 +77,44 @@ class Clip:
         """Of every frame, in pixels."""
         return self.frames.shape[2]
 
+    @property
+    def fps(self) -> float:
+        """Frames a second: the mean over the clip, 24 where there is one frame."""
+        return mean_rate(self.times)
+
+    @property
+    def variable_rate(self) -> bool:
+        """Whether the frames are not evenly spaced: `fps` then does not tell when each is shown."""
+        return is_variable(self.times)
+
     def part(self, begin: int, end: int, name: str) -> Clip:
-        """The frames from `begin` up to but without `end`, as a clip of its own, named after this one."""
-        return Clip(f"{self.name}-{name}", self.frames[begin:end], self.fps)
+        """The frames from `begin` up to but without `end`, as a clip of its own, named after this one, from time 0."""
+        times = self.times[begin:end] - self.times[begin]
+        return Clip(f"{self.name}-{name}", self.frames[begin:end], times=times, pixel_aspect=self.pixel_aspect)
 
     def digest(self) -> str:
         """Hash of the frames' content, shape included: the key under which all that is derived from them is kept."""
         content = hashlib.sha256(repr(self.frames.shape).encode())
         content.update(np.ascontiguousarray(self.frames).data)
         return content.hexdigest()[:16]
+
+
+def mean_rate(times: npt.NDArray[np.float64]) -> float:
+    """Frames a second of frames at these times [T]: their number over the time they span, 24 of one frame.
+
+    Given to twelve digits, so that frames at i / 24 have 24.
+    """
+    return float(f"{(len(times) - 1) / (times[-1] - times[0]):.12g}") if len(times) > 1 else DEFAULT_FPS
+
+
+def is_variable(times: npt.NDArray[np.float64]) -> bool:
+    """Whether some frame stands for a time that differs from the usual one by more than a quarter and 1 millisecond.
+
+    Containers round times, many to whole milliseconds: that alone makes no rate variable.
+    """
+    steps = np.diff(times)
+    usual = np.median(steps) if len(steps) else 0.0
+    return bool((np.abs(steps - usual) > usual / 4 + ROUNDING).any())
 
 
 def read_clip(path: str | Path) -> Clip:
@@ -72,12 +129,29 @@ def read_clip(path: str | Path) -> Clip:
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
     name = _folder_name(path) if path.is_dir() else path.stem
-    frames, fps, count = _read_folder(path, begin, end) if path.is_dir() else _read_video(path, begin, end)
+    if path.is_dir():
+        files = frame_files(path)
+        frames, count, times, pixel_aspect = read_frames(files, begin, end), len(files), None, 1.0
+    else:
+        video = read_video(path, begin, end)
+        frames, count, times, pixel_aspect = video.frames, video.count, video.times, video.pixel_aspect
     if end is not None and count < end:
         raise ClipError(f"{name} has frames 0 to {count - 1}; @{begin}:{end} is not two or more of them")
     if len(frames) < 2:
         raise ClipError(f"{path} has one frame; motion needs at least two")
-    return Clip(name if end is None else f"{name}-{begin}-{end}", np.stack(frames), fps)
+    name = name if end is None else f"{name}-{begin}-{end}"
+    clip = Clip(name, np.stack(frames), times=times, pixel_aspect=pixel_aspect)
+    if clip.pixel_aspect != 1:
+        log.info(
+            "%s has pixels %.4g times as wide as high; positions are in its own, %dx%d",
+            name,
+            clip.pixel_aspect,
+            clip.width,
+            clip.height,
+        )
+    if clip.variable_rate:
+        log.info("%s has frames at uneven times, %.4g a second in the mean", name, clip.fps)
+    return clip
 
 
 def _split(path: Path) -> tuple[Path, int, int | None]:
@@ -95,73 +169,3 @@ def _folder_name(path: Path) -> str:
     folder = path.resolve()
     own_names = (part.name for part in (folder, *folder.parents) if part.name not in ("color", "clip", "frames"))
     return next(own_names) or folder.name
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, int | str]], str]:
-    parts = re.split(r"(\d+)", path.stem)
-    return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts], path.name
-
-
-def images_in(folder: Path) -> list[Path]:
-    """The .jpg and .png files of a folder in natural order."""
-    visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
-    return sorted((file for file in visible if file.suffix.lower() in IMAGE_SUFFIXES), key=_natural)
-
-
-Read = tuple[list[npt.NDArray[np.uint8]], float, int]
-"""The frames from `begin` up to but without `end`, frames a second, and how many frames there are before `end`."""
-
-
-def _read_folder(folder: Path, begin: int, end: int | None) -> Read:
-    files = images_in(folder)
-    if not files and (folder / "color").is_dir():
-        files = images_in(folder / "color")
-    if not files:
-        raise ClipError(f"{folder} holds no frames; put .jpg or .png files there, or in {folder / 'color'}")
-    frames = []
-    for file in (wanted := files[begin:end]):
-        try:
-            encoded = np.fromfile(file, np.uint8)
-        except OSError as error:
-            raise ClipError(f"frame {file} cannot be read ({error.strerror}); replace it or remove it") from error
-        frame = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
-        if frame is None:
-            raise ClipError(f"frame {file} does not decode as an image; replace it or remove it")
-        if frames and frame.shape != frames[0].shape:
-            raise ClipError(
-                f"frame {file} is {frame.shape[1]}x{frame.shape[0]} but {wanted[0].name} is "
-                f"{frames[0].shape[1]}x{frames[0].shape[0]}; bring all frames to one size"
-            )
-        frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
-    return frames, DEFAULT_FPS, len(files)
-
-
-def _read_video(path: Path, begin: int, end: int | None) -> Read:
-    import av
-    from av.error import FFmpegError
-
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise ClipError(f"{path} has no video stream; give a video file or a folder of frames")
-            stream = container.streams.video[0]
-            fps = float(stream.average_rate or DEFAULT_FPS)
-            frames, count = [], 0
-            for count, frame in enumerate(islice(container.decode(stream), end), 1):
-                if count > begin:
-                    frames.append(_upright(frame))
-    except FFmpegError as error:
-        raise ClipError(
-            f"{path} does not decode as a video ({error.strerror}); give a video file or a folder of frames"
-        ) from error
-    if not count:
-        raise ClipError(f"{path} has a video stream without frames; give another file")
-    if len({frame.shape for frame in frames}) > 1:
-        raise ClipError(f"{path} changes its frame size on the way; bring all frames to one size")
-    return frames, fps, count
-
-
-def _upright(frame: av.VideoFrame) -> npt.NDArray[np.uint8]:
-    """The frame as a player shows it: phones store portrait video lying down, with the rotation beside it."""
-    quarter_turns = round(frame.rotation / 90)  # counter-clockwise, as np.rot90 counts
-    return np.rot90(np.asarray(frame.to_ndarray(format="rgb24"), np.uint8), quarter_turns)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import errno
 import logging
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from threading import Event, current_thread, main_thread
 
 import click
 
@@ -53,3 +56,23 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         return INTERRUPTED
     return result if isinstance(result, int) else 0
+
+
+@contextmanager
+def interrupt_flag() -> Iterator[Event]:
+    """An event that the first Ctrl-C sets, so that a step is never cut in two; a second Ctrl-C interrupts at once."""
+    event = Event()
+    if current_thread() is not main_thread():
+        yield event
+        return
+    former = signal.getsignal(signal.SIGINT)
+
+    def note(*_: object) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, former)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield event
+    finally:
+        signal.signal(signal.SIGINT, former)

@@ -28,8 +28,10 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.errors",
     "decomotion.files",
+    "decomotion.frame_files",
     "decomotion.images",
     "decomotion.pseudo_depth",
+    "decomotion.units",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 
@@ -41,13 +43,14 @@ MAY_IMPORT = {
 }
 SUPERVISION = [
     "decomotion.config",
+    "decomotion.data.config",
     "decomotion.data.flow",
-    "decomotion.data.intervals",
-    "decomotion.data.linking",
+    "decomotion.data.links.intervals",
+    "decomotion.data.links.linking",
     "decomotion.data.sampling",
 ]
 FETCHED = {
-    "decomo_eval.baselines": [*SUPERVISION, "decomotion.train.choose_device"],
+    "decomo_eval.baselines": [*SUPERVISION, "decomotion.device.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
     "decomo_eval.bench.task": ["decomotion.config"],
 }

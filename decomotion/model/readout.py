@@ -118,7 +118,7 @@ def answer(
     seen = surface_of(model, inside, targets)
     swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
-    error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
+    error = (back - query_xy).norm(dim=-1) * (1 / plane.unit)
     occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
     occlusion = occlusion.masked_fill(at_home, 0.0)
     return Answer(there.transpose(0, 1), occlusion.transpose(0, 1))

@@ -64,7 +64,7 @@ class FrozenVolume(nn.Module):
 
         Column by column: what x, y and depth are multiplied by, then what is added.
         """
-        scale = plane.pixels_per_unit
+        scale = plane.half_side
         normalise = torch.diag(maps.new_tensor([1 / scale, 1 / scale, 1.0, 1.0]))
         normalise[:3, 3] = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
         bottom = maps.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(maps), 1, 4)

@@ -133,7 +133,7 @@ class QueryGraph(nn.Module):
             seen_in, begun_in = clock.to(torch.int64)
             canonical = self.surfaces.canonical(part, values, seen, seen_in)
             offset = part.volume.to_pixels(canonical, begun_in) - begun
-            error = (offset * offset).sum(0).sqrt() * (128 / plane.pixels_per_unit)
+            error = (offset * offset).sum(0).sqrt() * (1 / plane.unit)
             scores.append((error / (error + self.model.config.occlusion_scale))[:-1])
             places.append(part.place)
         elsewhere = (~at_home).to(there.dtype)

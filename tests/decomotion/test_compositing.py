@@ -130,6 +130,13 @@ def test_a_thin_ray_has_the_colour_of_what_little_there_is():
     assert (between.diff() < 0).all()  # from divided to not divided
 
 
+def test_the_curve_of_thin_rays_by_hand():
+    """s rises in a straight line from 0 at 0.25 to 1 at 0.75; the colour is divided by o + (1 - o) s."""
+    opacity = torch.tensor([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875])
+    divisor = torch.tensor([0.001, 0.125, 0.25, 0.53125, 0.75, 0.90625, 1.0, 1.0])
+    torch.testing.assert_close(thickened(torch.full((8,), 0.1), opacity), 0.1 / divisor)
+
+
 def test_static_confidence_is_the_static_share_and_1_of_nothing():
     static, dynamic = torch.tensor([[0.6, 0.0, 0.3, 0.0, 1e-9], [0.2, 0.5, 0.0, 0.0, 1e-9]])
     torch.testing.assert_close(static_share(static, dynamic), torch.tensor([0.75, 0.0, 1.0, 1.0, 1.0]))

@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from decomotion.config import PRESETS, GridFieldConfig, MlpConditionerConfig, Schedule, load, parse
+from decomotion.config import PRESETS, load, parse
 from decomotion.errors import ConfigError
+from decomotion.model.config import GridFieldConfig, MlpConditionerConfig
+from decomotion.schedule import Schedule
 
 every_preset = pytest.mark.parametrize("preset", PRESETS)
 

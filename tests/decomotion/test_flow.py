@@ -12,8 +12,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import DisFlowConfig, FlowConfig, RaftFlowConfig, load
+from decomotion.config import load
 from decomotion.data.flow import build_flow
+from decomotion.data.flow.config import DisFlowConfig, FlowConfig, RaftFlowConfig
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.flow.folder import FolderFlow
 from decomotion.data.flow.interface import enlarged, to_raster

@@ -209,7 +209,7 @@ def test_every_loss_is_what_its_equation_says():
         "photometric_static": (still * unlike(p.static_rgb)).mean(),
         "photometric_fused": unlike(p.fused_rgb).mean(),
         "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
-        "segmentation": -(still * p.static_confidence.log() + moving * (1 - p.static_confidence).log()).mean(),
+        "segmentation": -(still * p.motion_mask.log() + moving * (1 - p.motion_mask).log()).mean(),
         "scene_flow": p.acceleration.abs().sum(-1).mean(),
         "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
         "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.config import DisFlowConfig
-from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, resized, to_raster
+from decomotion.data.flow.config import DisFlowConfig
+from decomotion.data.flow.interface import Flow, Frame, Size, enlarged, kept, resized, to_raster
 
 
 class DisFlow:
@@ -32,8 +32,8 @@ class DisFlow:
         first: Frame,
         second: Frame,
         pair: tuple[int, int] = (0, 1),  # noqa: ARG002
-        start: Field | None = None,
-    ) -> Field:
+        start: Flow | None = None,
+    ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side)
