@@ -30,6 +30,7 @@ GROUND_FLOOR = [
     "decomotion.files",
     "decomotion.frame_files",
     "decomotion.images",
+    "decomotion.presets",
     "decomotion.pseudo_depth",
     "decomotion.units",
 ]

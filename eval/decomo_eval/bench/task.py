@@ -27,8 +27,8 @@ from types import MappingProxyType
 
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
-from decomotion.errors import ConfigError
 from decomotion.files import replacing
+from decomotion.presets import AUTO, AUTO_PRESET
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
 """Arguments of python, by stage. A stage is a process of its own: what kills one leaves the others alone."""
@@ -152,16 +152,11 @@ def command_options(
 ) -> tuple[str, ...]:
     """decomo-train's options of every task.
 
-    Raises `ConfigError` where it would refuse them; with the preset `auto`, on every machine.
+    Raises `ConfigError` where it would refuse them.
     """
     from decomotion.config import load
 
-    try:
-        load("cpu" if preset == "auto" else preset, overrides=tuple(overrides))
-    except ConfigError:
-        if preset != "auto":
-            raise
-        load("paper", overrides=tuple(overrides))
+    load(AUTO_PRESET if preset == AUTO else preset, overrides=tuple(overrides))
     budget = [*(["--time-budget", time_budget] if time_budget else []), *(["--steps", str(steps)] if steps else [])]
     settings = [part for override in overrides for part in ("--set", override)]
     return ("--preset", preset, "--seed", str(seed), *budget, *settings)
