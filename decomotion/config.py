@@ -21,11 +21,9 @@ from decomotion.data.flow.config import ESTIMATORS, FlowConfig
 from decomotion.errors import ConfigError
 from decomotion.leaf import Leaf
 from decomotion.model.config import ModelConfig
+from decomotion.presets import PRESETS
 from decomotion.schedule import OptimConfig, Schedule
 
-PRESETS = ("cpu", "omnimotion", "paper")
-AUTO_PRESET = "cpu"
-"""On a GPU too, where `paper` has not been tried yet."""
 EXTENDS = "extends"
 """Key of a file that builds on a preset."""
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from decomotion.errors import ConfigError
+from decomotion.presets import AUTO, AUTO_PRESET, PRESETS
 
 if TYPE_CHECKING:
     from decomotion.config import Config
@@ -53,7 +54,7 @@ class Supervision:
         """The resolved configuration."""
         from decomotion import config as configuration
 
-        name = configuration.AUTO_PRESET if self.preset == "auto" else self.preset
+        name = AUTO_PRESET if self.preset == AUTO else self.preset
         chosen = {
             "data.features": self.features,
             "data.feature_weights": self.feature_weights,
@@ -74,9 +75,9 @@ class Supervision:
 SUPERVISION_OPTIONS = (
     click.option(
         "--preset",
-        type=click.Choice(["auto", "cpu", "omnimotion", "paper"]),
-        default="auto",
-        help="Sizes, losses and schedules; auto: cpu.",
+        type=click.Choice([AUTO, *PRESETS]),
+        default=AUTO,
+        help=f"Sizes, losses and schedules; {AUTO}: {AUTO_PRESET}.",
     ),
     click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override one configuration value."),
     click.option("--config", "file", type=click.Path(path_type=Path), help="YAML file to use in place of a preset."),

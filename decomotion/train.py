@@ -16,7 +16,7 @@ from decomotion import checkpoint, losses, shots
 from decomotion.chance import first_weights
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip, read_clip
-from decomotion.config import AUTO_PRESET, Config
+from decomotion.config import Config
 from decomotion.config import load as load_config
 from decomotion.data.pool import Pool
 from decomotion.data.prepare import affordable, prepare
@@ -25,6 +25,7 @@ from decomotion.errors import CheckpointError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
+from decomotion.presets import AUTO_PRESET
 from decomotion.run import Run, Stopping, never
 from decomotion.schedule import Budget
 

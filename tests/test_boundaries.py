@@ -30,6 +30,7 @@ GROUND_FLOOR = [
     "decomotion.files",
     "decomotion.frame_files",
     "decomotion.images",
+    "decomotion.presets",
     "decomotion.pseudo_depth",
     "decomotion.units",
 ]
@@ -55,8 +56,16 @@ FETCHED = {
     "decomo_eval.bench.task": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
-OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray"}
+OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray", "decomo_eval.report.charts": "report"}
 """Modules that fetch what one extra installs, when it is asked for and not before."""
+SHARED_BY_THE_PROCESS = (
+    r"signal\.signal|basicConfig|setLevel|seterr|setNumThreads|setRNGSeed|random\.seed|environ\[[^]]*\] ="
+    r"|environ\.update|environ\.setdefault|putenv|chdir|umask|simplefilter|setdefaulttimeout|rcParams\["
+)
+RESTORES = ["decomo_eval.bench.cluster"]
+"""Modules that change some of it for a while: their tests see it restored."""
+SELDOM_ASKED_FOR = ["ray", "matplotlib"]
+"""What those extras install."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
 TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -169,6 +178,18 @@ def test_every_library_used_is_declared(package: str):
             )
 
 
+@pytest.mark.parametrize("package", TORCH_FREE)
+def test_only_commands_change_what_the_whole_process_shares(package: str):
+    """Threads of libraries, their chance, logging, signals, the environment: these are the caller's."""
+    found = [
+        f"{file.relative_to(ROOT)}: {call}"
+        for module, file in modules_of(package)
+        if not module.endswith("cli") and module not in RESTORES
+        for call in re.findall(SHARED_BY_THE_PROCESS, file.read_text())
+    ]
+    assert not found
+
+
 def test_runtime_and_eval_import_without_the_extras():
     without_torch = [name for package in TORCH_FREE for name, _ in modules_of(package)]
     modules = [name for name in [*GROUND_FLOOR, *without_torch] if "__" not in name]
@@ -187,7 +208,7 @@ sys.meta_path.insert(0, Hidden())
 for module in modules:
     importlib.import_module(module)
 """
-    hidden = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    hidden = [*TRAINING_ONLY, *SELDOM_ASKED_FOR]
     result = run_python(hide_then_import, ",".join(hidden), ",".join(modules))
     assert result.returncode == 0, result.stderr
 
@@ -208,7 +229,7 @@ code = getattr(importlib.import_module(module), function)(argv)
 print("imported:", [name for name in heavy.split(",") if name in sys.modules])
 sys.exit(code)
 """
-    heavy = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    heavy = [*TRAINING_ONLY, *SELDOM_ASKED_FOR]
     result = run_python(help_then_heavy_modules, module, function, ",".join(heavy), *argv)
     assert result.returncode == 0, result.stderr
     help_text, _, imported = result.stdout.rpartition("imported: ")

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import PRESETS, load
+from decomotion.config import load
 from decomotion.data.batch import Batch
 from decomotion.errors import ConfigError
 from decomotion.losses import LOSSES, check
@@ -22,6 +22,7 @@ from decomotion.losses.robust_flow import SCALE, robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
+from decomotion.presets import PRESETS
 from tiny_fit import randomised, tiny_model
 
 
