@@ -235,7 +235,7 @@ def test_a_fit_in_a_thread_of_its_own(tmp_path: Path):
         target=fit, args=(CLIP, tmp_path / "run"), kwargs={"config": tiny_config(), "steps": 2, "progress": False}
     )
     fitting.start()
-    fitting.join()
+    fitting.join(120)
     assert checkpoint.load(tmp_path / "run" / checkpoint.FILE_NAME).training["step"] == 2
 
 
