@@ -21,14 +21,15 @@ from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.flow import FlowEstimator, build_flow
 from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
+from decomotion.data.links.costs import MIN_POINTS
 from decomotion.data.links.filtering import Grid, build_filtered
 from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.folder import read_masks
 from decomotion.data.motion import build_motion
-from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
-from decomotion.data.stages import Record, Stage, remove_abandoned
+from decomotion.data.pool import PackedPositions, Pool, affordable_points, open_pool
+from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
 from decomotion.errors import SupervisionError
 from decomotion.memory import give_back
 
@@ -36,13 +37,11 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"links": 8, "features": 1, "filter": 1, "motion": 3}
+VERSIONS = {"links": 9, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 FIT_SHARE = 0.75
 """Share of a fit's time that preparation should take at most."""
-MIN_POINTS = 256
-"""Points a frame below which a pool is of no use."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +89,9 @@ def prepare_in_stages(
     device: str = "cpu",
 ) -> Preparation:
     """As `prepare`, with the record of each stage."""
-    work = _Work(clip, config, seed, progress, device)
+    work = _Work(clip, config, seed, rebuild, progress, device)
     remove_abandoned(work.root)
-    work.check(rebuild)
+    work.check()
     records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
     if work.filters_on:
         records.append(work.filter.run(work.build_filter, rebuild))
@@ -105,25 +104,37 @@ def prepare_in_stages(
 def affordable(clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0, rebuild: bool = False) -> DataConfig:
     """`config` for a fit of so many seconds: with less of a budget where preparation would leave the fit too little.
 
-    Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt.
+    Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt, and those
+    made with a longer budget than there would be serve as they are.
     """
     share = FIT_SHARE * seconds
-    if share >= config.prepare_budget or (not rebuild and _Work(clip, config, seed, False, "cpu").links.finished):
+    if share >= config.prepare_budget or (not rebuild and _Work(clip, config, seed).links.finished):
         return config
-    return config.model_copy(update={"prepare_budget": share})
+    shorter = config.model_copy(update={"prepare_budget": share})
+    links = _Work(clip, shorter, seed, rebuild).links
+    return shorter.model_copy(update={"prepare_budget": links.settings["budget"] or share})
 
 
 class _Work:
     """One clip and its settings: the stages, and what each is built from."""
 
-    def __init__(self, clip: Clip, config: DataConfig, seed: int, progress: bool, device: str) -> None:
-        self.clip, self.config, self.seed, self.progress, self.device = clip, config, seed, progress, device
+    def __init__(
+        self,
+        clip: Clip,
+        config: DataConfig,
+        seed: int,
+        rebuild: bool = False,
+        progress: bool = False,
+        device: str = "cpu",
+    ) -> None:
+        self.clip, self.config, self.seed, self.rebuild = clip, config, seed, rebuild
+        self.progress, self.device = progress, device
         self.root = cache_root() / clip.digest()
         self.longer_side = max(clip.height, clip.width)
         rules = config.rules
         self.filters_on = any(rule is not None for rule in (rules.cycle, rules.appearance, rules.second_look))
 
-    def check(self, rebuild: bool) -> None:
+    def check(self) -> None:
         """Reads all that the user gives and loads the networks that will be needed, before any long work."""
         _ = self.given_masks, self.tracks
         pool = self.config.pool
@@ -132,9 +143,9 @@ class _Work:
             log.warning(what, pool.disk_limit, self.count, pool.points_per_frame)
         if self.config.feature_weights is not None and not Path(self.config.feature_weights).is_file():
             raise SupervisionError(f"--feature-weights {self.config.feature_weights} does not exist")
-        if rebuild or not self.links.finished:
+        if self.rebuild or not self.links.finished:
             self.estimator.require(pairs_of((1,), len(self.clip)))
-        if rebuild or not self.features.finished:
+        if self.rebuild or not self.links.finished or not self.features.finished:
             _ = self.extractor
 
     # what the stages are made from
@@ -179,14 +190,9 @@ class _Work:
 
     @cached_property
     def grid(self) -> Grid:
-        """The jittered grid of the points that are linked."""
-        return Grid(*grid_shape(self.clip.height, self.clip.width, self.count), self.clip.height, self.clip.width)
-
-    @cached_property
-    def on_grid(self) -> npt.NDArray[np.float32]:
-        """Its points, [frame, point, 2]."""
-        random = generator(self.seed, "points")
-        return jittered_grid(len(self.clip), self.clip.height, self.clip.width, self.count, random)
+        """The jittered grid of the points that were linked."""
+        rows, columns = self.links.record(cached=True).facts["grid"]
+        return Grid(rows, columns, self.clip.height, self.clip.width)
 
     # the stages: of what each is the result; gaps follow the time there was, so that links are known by their record
 
@@ -196,8 +202,9 @@ class _Work:
 
     @cached_property
     def links(self) -> Stage:
+        """Those that are finished already where they are no worse than what is asked for."""
         config = self.config
-        return self.stage(
+        asked = self.stage(
             "links",
             flow=config.flow.model_dump(mode="json", exclude=PLACES),
             given=self.digest_of_flow(),
@@ -209,6 +216,15 @@ class _Work:
             matching=config.matching.model_dump(mode="json"),
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
+        return asked if self.rebuild or asked.finished else self.made_with_more_time(asked) or asked
+
+    def made_with_more_time(self, links: Stage) -> Stage | None:
+        """Of finished links that differ from `links` in nothing but a longer budget, those with the shortest."""
+        others = (Stage("links", settings, self.root) for settings in settings_of_finished("links", self.root))
+        alike = [each for each in others if {**each.settings, "budget": None} == {**links.settings, "budget": None}]
+        longer = [each for each in alike if links.settings["budget"] is not None and each.finished]
+        longer = [each for each in longer if each.settings["budget"] >= links.settings["budget"]]
+        return min(longer, key=lambda each: each.settings["budget"], default=None)
 
     @cached_property
     def features(self) -> Stage:
@@ -218,7 +234,7 @@ class _Work:
             kind=config.features,
             weights=None if config.feature_weights is None else file_digest(Path(config.feature_weights)),
             size=config.feature_size,
-            points=self.count,
+            grid=[self.grid.rows, self.grid.columns],
             seed=self.seed,
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
@@ -251,7 +267,9 @@ class _Work:
     # how each is made
 
     def build_links(self, folder: Path) -> dict[str, Any]:
-        return build_links(self.clip, self.config, self.on_grid, self.tracks, self.estimator, self.progress, folder)
+        random = generator(self.seed, "points")
+        given = (self.tracks, self.estimator, self.progress, folder)
+        return build_links(self.clip, self.config, self.count, random, *given)
 
     def build_features(self, folder: Path) -> dict[str, Any]:
         points = np.load(self.links.folder / "points.npy")

@@ -118,6 +118,12 @@ class Record:
     """Whether it was there already."""
 
 
+def settings_of_finished(name: str, root: Path) -> Iterator[dict[str, Any]]:
+    """Of all stages of that name in the folder of a clip that have a record: what each was made from."""
+    for record in sorted(root.glob(f"{name}-*/{RECORD}")):
+        yield json.loads(record.read_text(encoding="utf-8"))["settings"]
+
+
 def _size(file: Path) -> int | None:
     return file.stat().st_size if file.is_file() else None
 

@@ -221,7 +221,7 @@ class TestCache:
 
     def test_built_once(self, builds: list[str], clip: Clip):
         first = prepare(clip, config(), progress=False)
-        again = prepare(dataclasses.replace(clip, name="renamed", fps=12.0), config(), progress=False)
+        again = prepare(dataclasses.replace(clip, name="renamed", times=2 * clip.times), config(), progress=False)
         assert builds == ["links", "features", "motion"]
         np.testing.assert_array_equal(first.targets[...], again.targets[...])
 
@@ -331,6 +331,65 @@ class TestCache:
         prepare(clip, settings, progress=False)
         assert affordable(clip, settings, 100.0) is settings
         assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 75.0
+
+    def test_finished_links_of_a_longer_budget_serve_a_shorter_one(self, builds: list[str], clip: Clip):
+        settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
+
+        def prepared(budget: float, **changes: Any) -> DataConfig:
+            shorter = affordable(clip, settings, budget / 0.75, **changes)
+            prepare(clip, shorter, progress=False, **changes)
+            return shorter
+
+        assert prepared(67.5).prepare_budget == 67.5
+        prepared(90.0)  # more time may give better ones
+        assert builds == ["links", "features", "motion", "links", "motion"]
+        builds.clear()
+        assert prepared(45.0).prepare_budget == 67.5  # the run's own settings lead to the same links
+        prepare(clip, settings.model_copy(update={"prepare_budget": 50.0}), progress=False)
+        assert builds == []
+        prepared(45.0, seed=1)
+        assert builds == ["links", "features", "motion"]  # another seed's points are others
+
+    def test_as_many_points_as_there_is_time_for(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ):
+        """And an interrupted preparation goes on with them, however fast the machine is by then."""
+        settings = config("data.features=none", "data.flow.intervals=geometric", "data.pool.points_per_frame=500")
+        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e-3)
+        asked = []
+
+        def affordable_points(wanted: int, frames: int, gaps: int, *rest: Any) -> int:
+            asked.append((wanted, frames, gaps))
+            return 260
+
+        monkeypatch.setattr(links_stage.costs, "affordable_points", affordable_points)
+
+        def killed(*_: Any) -> Any:
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(links_stage.linking, "link", killed)
+            with pytest.raises(KeyboardInterrupt):
+                prepare(clip, settings, progress=False)
+        assert asked == [(500, FRAMES, 1), (500, FRAMES, 3)]  # at first with flow's least gap alone, then 1 2 4
+        assert "260 of 500 points a frame are linked" in caplog.text
+        monkeypatch.setattr(links_stage.costs, "affordable_points", killed)
+        prepared = preparation.prepare_in_stages(clip, settings, progress=False)
+        assert prepared.grid == (16, 16)
+        assert prepared.pool.num_points == 256
+
+    def test_a_list_of_gaps_is_linked_whole(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e6)
+        assert prepare(clip, config("data.features=none"), progress=False).num_points == 256
+
+    def test_too_many_frames_for_the_time_are_refused_at_once(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
+    ):
+        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e-1)
+        monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
+        settings = config("data.features=none", "data.flow.intervals=geometric")
+        with pytest.raises(SupervisionError, match="8 frames are too many for the time that there is"):
+            prepare(clip, settings, progress=False)
 
     def test_a_run_killed_in_its_trials_measures_them_anew(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomotion.arrays import allocated_memmap
 from decomotion.data.links.config import FilterConfig
 from decomotion.data.pool import Positions
 from decomotion.units import unit
@@ -118,7 +119,7 @@ def build_filtered(
     """Fills the stage's folder with another `confidence`; links of the user's tracks, after the grid's, are kept."""
     frames, on_grid = len(points), grid.rows * grid.columns
     shape = confidence.shape
-    kept = np.lib.format.open_memmap(folder / "confidence.npy", mode="w+", dtype=np.uint8, shape=shape)
+    kept = allocated_memmap(folder / "confidence.npy", np.uint8, shape)
     for i in tqdm(range(frames), "filter", disable=not progress, leave=False):
         kept[i] = confidence[i]
         for j in range(frames):

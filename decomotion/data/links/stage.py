@@ -6,6 +6,7 @@ The flows lie in `flow/` of the partial stage, and are removed when the links ar
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import time
 from functools import partial
@@ -16,24 +17,28 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
-from decomotion.data.links import linking
+from decomotion.data.flow.interface import kept
+from decomotion.data.links import costs, linking
 from decomotion.data.links.flow_store import FlowStore, threads
-from decomotion.data.links.intervals import choose_intervals, pairs_of
+from decomotion.data.links.intervals import choose_intervals, count_fields, pairs_of
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
-from decomotion.data.pool import pack
+from decomotion.data.pool import grid_shape, jittered_grid, pack
 from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
 from decomotion.memory import give_back
 
+log = logging.getLogger(__name__)
+
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
 SCHEDULE = "schedule.json"
-"""The gaps that were chosen: an interrupted run goes on with them, however fast the machine is then."""
+"""The gaps and points that were chosen: an interrupted run goes on with them, however fast the machine is then."""
 LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
@@ -45,7 +50,8 @@ TRIALS = 3
 def build_links(
     clip: Clip,
     config: DataConfig,
-    points: npt.NDArray[np.float32],
+    wanted: int,
+    random: np.random.Generator,
     tracks: UserTracks | None,
     estimator: FlowEstimator,
     progress: bool,
@@ -53,30 +59,34 @@ def build_links(
 ) -> dict[str, Any]:
     """Fills the stage's folder with points, rgb, targets and confidence; returns its facts.
 
-    `points` [frame, point, 2] are linked by flow; those of `tracks` come after them.
+    About `wanted` points of each frame are linked by flow, or as many as there is time for, on a grid that `random`
+    jitters; those of `tracks` come after them.
     """
     begin = time.monotonic()
+    check_time(clip, config, wanted, folder)
     matches = MatchStore(clip, config.matching, folder / "matches", neighbours=estimator.guided)
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
     flows = FlowStore(clip, estimator, matches, folder / "flow")
     budget = config.prepare_budget - (matched - begin)
-    schedule = scheduled(clip, config, flows, budget, folder / SCHEDULE)
+    schedule = scheduled(clip, config, flows, wanted, budget, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
     give_back()
     computed = time.monotonic()
 
+    points = jittered_grid(len(clip), clip.height, clip.width, schedule["points"], random)
     frames, on_grid = points.shape[:2]
     shown = points if tracks is None else np.concatenate([points, tracks.points(clip)], axis=1)
     np.save(folder / "points.npy", shown)
     np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
     count = shown.shape[1]
-    create = partial(np.lib.format.open_memmap, mode="r+" if parts_done(folder) else "w+")
-    targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
-    confidence = create(folder / "confidence.npy", dtype=np.uint8, shape=(frames, frames, count))
+    if not parts_done(folder):
+        allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2))
+        allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count))
+    targets, confidence = (np.load(folder / f"{name}.npy", mmap_mode="r+") for name in ("targets", "confidence"))
     linker = _Linker(clip, config, flows, intervals, matches)
     linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)
@@ -97,7 +107,7 @@ def build_links(
         **schedule,
         "fields": count_of_flows,
         "points": count,
-        "on_grid": on_grid,
+        "grid": grid_shape(clip.height, clip.width, schedule["points"]),
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
         "seconds": {
             "matches": matched - begin,
@@ -107,25 +117,48 @@ def build_links(
     }
 
 
-def scheduled(clip: Clip, config: DataConfig, flows: FlowStore, budget: float, file: Path) -> dict[str, Any]:
-    """The gaps at which flow is computed, and what a flow costs, from `file` where an earlier run has chosen already.
+def check_time(clip: Clip, config: DataConfig, wanted: int, folder: Path) -> None:
+    """Raises `SupervisionError` where there is no time to link even a few points, before any long work."""
+    if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
+        gaps = 1 + sum(gap < len(clip) for gap in config.matching.intervals)
+        _affordable(clip, config, wanted, gaps, config.prepare_budget)
 
-    The cost is the wall time of a flow, the least of three trials on the first few, which are kept: other work on the
-    machine makes trials dearer, never cheaper. Only `geometric` and `all` depend on it, and on `budget`, the seconds
-    that are left for the preparation.
+
+def _affordable(clip: Clip, config: DataConfig, wanted: int, gaps: int, seconds: float) -> int:
+    cost = costs.seconds_per_hop(*kept(clip.height, clip.width, config.flow.field_side)[::-1])
+    return costs.affordable_points(wanted, len(clip), gaps, config.pool.max_gap, cost, seconds)
+
+
+def scheduled(
+    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, budget: float, file: Path
+) -> dict[str, Any]:
+    """The gaps at which flow is computed, what a flow costs, and how many points of each frame are linked.
+
+    From `file` where an earlier run has chosen already. The cost is the wall time of a flow, the least of three trials
+    on the first few, which are kept: other work on the machine makes trials dearer, never cheaper. Only `geometric` and
+    `all` depend on it, and on `budget`, the seconds that are left for the preparation; so do the points then, of which
+    there are at most `wanted`.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
     shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
     at_once = threads() if flows.estimator.concurrent else 1
-    costs = []
+    trials = []
     for trial in range(TRIALS):
         begin = time.monotonic()
         made = flows.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
-        costs += [(time.monotonic() - begin) / made] if made else []
-    cost = min(costs)
+        trials += [(time.monotonic() - begin) / made] if made else []
+    cost = min(trials)
     intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, budget)
-    chosen = {"intervals": list(intervals), "seconds_per_field": cost}
+    points = wanted
+    if isinstance(config.flow.intervals, str):
+        share = costs.LINK_SHARE * config.prepare_budget
+        left = budget - cost * count_fields(intervals, len(clip)) - costs.REST_SHARE * config.prepare_budget
+        points = _affordable(clip, config, wanted, len(intervals) + len(flows.matches.intervals), max(share, left))
+    if points < wanted:
+        what = "%d of %d points a frame are linked: for all of them give a longer --time-budget or --prepare-budget"
+        log.warning(what, points, wanted)
+    chosen = {"intervals": list(intervals), "seconds_per_field": cost, "points": points}
     write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
     return chosen
 
