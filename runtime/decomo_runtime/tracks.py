@@ -64,7 +64,8 @@ class Tracks:
         where it is another file.
         """
         if Path(path).suffix.lower() == ".csv":
-            return cls(**read_csv(Path(path)))
+            arrays: dict[str, Any] = read_csv(Path(path))
+            return cls(**arrays)
         arrays = read_npz(Path(path), TracksFileError, remedy="write one with 'decomo-track'")
         missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
         if missing:
