@@ -28,6 +28,8 @@ GROUND_FLOOR = [
     "decomotion.errors",
     "decomotion.files",
     "decomotion.images",
+    "decomotion.outputs",
+    "decomotion.times",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 
