@@ -78,7 +78,7 @@ def fit(job: Job, clip: BenchmarkClip, work: Path) -> Record:
     stages = {}
     if not row.rebuild_cache:
         begin = time.monotonic()
-        prepare(read_clip(frames), job.config.data, progress=False)
+        prepare(read_clip(frames), job.config.data, seed=job.seed, progress=False)
         stages["prepare"] = {"seconds": round(time.monotonic() - begin, 1)}
     budget = ["--steps", str(row.steps)] if row.steps else ["--time-budget", str(row.time_budget)]
     options = ["--preset", row.preset, *budget, "--seed", str(job.seed), *["--rebuild-cache"] * row.rebuild_cache]

@@ -18,10 +18,11 @@ import click
 
 from decomo_eval.baselines import Fields, track
 from decomotion import config as configuration
-from decomotion.config import ESTIMATORS, DataConfig
 from decomotion.console import run
+from decomotion.data.config import DataConfig
 from decomotion.data.flow import build_flow
-from decomotion.train import choose_device
+from decomotion.data.flow.config import ESTIMATORS
+from decomotion.device import choose_device
 from harness.clips import read_clips
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
 

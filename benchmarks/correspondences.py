@@ -23,8 +23,9 @@ import numpy as np
 from decomo_eval.dataset import Video, read_dataset
 from decomotion import config as configuration
 from decomotion.clip import Clip
-from decomotion.config import DataConfig, FilterConfig
-from decomotion.data.filtering import Grid, filtered
+from decomotion.data.config import DataConfig
+from decomotion.data.links.config import FilterConfig
+from decomotion.data.links.filtering import Grid, filtered
 from decomotion.data.prepare import Preparation, prepare_in_stages
 from decomotion.files import replacing
 

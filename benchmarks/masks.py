@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from statistics import fmean
 from types import ModuleType
 from typing import Any
@@ -21,10 +20,11 @@ import click
 import numpy as np
 
 from decomo_eval.dataset import read_dataset
+from decomotion.chance import generator
 from decomotion.clip import Clip
 from decomotion.config import load
-from decomotion.data import evidence, labelling
-from decomotion.data.masks import auto_masks
+from decomotion.data.masks import evidence, labelling
+from decomotion.data.masks.auto import auto_masks
 from decomotion.data.prepare import prepare_in_stages
 from harness.pictures import intersection_over_union
 
@@ -68,14 +68,15 @@ def main(dataset: str, truth: str, clips: str | None, preset: str, ablate: bool)
         prepared = prepare_in_stages(Clip(name, frames, 24.0), config, progress=False)
         pool = prepared.pool
 
-        find = partial(auto_masks, frames, pool.points, pool.targets, pool.confidence, prepared.grid)
+        linked = (frames, pool.points, pool.targets, pool.confidence, prepared.grid)
         begin = time.monotonic()
-        found = find()
+        found = auto_masks(*linked, generator(0, "masks"))
         seconds = time.monotonic() - begin
         scores = [intersection_over_union(found, drawn[name])]
         for column in columns[1:]:
             with exchanged(*ABLATIONS[column]):
-                scores.append(intersection_over_union(find(), drawn[name]))
+                found = auto_masks(*linked, generator(0, "masks"))
+                scores.append(intersection_over_union(found, drawn[name]))
         table.append(scores)
         figures = " | ".join(f"{score:.3f}" for score in scores)
         click.echo(f"| {name} | {drawn[name].mean():.1%} | {found.mean():.1%} | {seconds:.1f} | {figures} |")

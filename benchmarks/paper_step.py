@@ -44,6 +44,7 @@ def random_pool(frames: int, points: int, size: int, feature_size: int) -> Pool:
         moving=(random.random((frames, points)) < 0.2).astype(np.uint8),
         camera=still,
         object=still,
+        longer_side=size,
     )
 
 

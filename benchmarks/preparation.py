@@ -20,12 +20,13 @@ from pathlib import Path
 import click
 import cv2
 import numpy as np
-import torch
 
 from decomotion import config as configuration
+from decomotion.chance import torch_generator
 from decomotion.clip import Clip, read_clip
 from decomotion.data.batch import Sampler
 from decomotion.data.prepare import prepare_in_stages
+from decomotion.memory import kept_memory
 
 MIB = 2**20
 DRAWS = 100
@@ -89,14 +90,15 @@ def main(clip: str, frames: int, size: str, preset: str, overrides: tuple[str, .
         os.environ["DECOMO_CACHE"] = folder
         watch = Watch(Path(folder))
         begin = time.perf_counter()
-        prepared = prepare_in_stages(longer, config.data, progress=False)
+        with kept_memory():  # as the commands do
+            prepared = prepare_in_stages(longer, config.data, progress=False)
         seconds = time.perf_counter() - begin
         watch.finish()
         sampler = Sampler(prepared.pool, config.optim)
         draws = []
         for number in range(DRAWS):
             start = time.perf_counter()
-            sampler.draw(frames - 1, torch.Generator().manual_seed(number))
+            sampler.draw(frames - 1, torch_generator(0, "batch", number))
             draws.append(time.perf_counter() - start)
         record = {
             "clip": clip,

@@ -21,8 +21,7 @@ from statistics import fmean
 import click
 import numpy as np
 
-from decomo_runtime import Tracker
-from decomo_runtime.rendering import render
+from decomo_runtime import Tracker, render
 from decomotion.console import run
 from harness.clips import read_clips
 from harness.models import model_files

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from decomo_runtime import Tracker
+from decomo_runtime.layers import LAYERS, render
 from decomo_runtime.pictures import flattened, tiled
 from decomo_runtime.removal import remove_objects
-from decomo_runtime.rendering import LAYERS, render
 from decomotion.console import run
 from decomotion.files import replacing
 from decomotion.images import jpeg

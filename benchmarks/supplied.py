@@ -19,7 +19,7 @@ from PIL import Image
 
 from decomo_runtime import Tracker
 from decomotion.console import run
-from decomotion.data.intervals import pairs_of
+from decomotion.data.links.intervals import pairs_of
 from harness.clips import BenchmarkClip, read_clips
 
 GAPS = (1, 2, 4, 8)

@@ -10,8 +10,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from decomotion.console import run
-from decomotion.options import Duration, Supervision, supervision_options
+from decomotion.console import interrupt_flag, run
+from decomotion.options import Duration, Supervision, seed_option, supervision_options
 
 DEFAULT_BUDGET = "10m"
 """Of each shot, where a clip has several."""
@@ -40,7 +40,7 @@ MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
 )
 @click.option("--resume", is_flag=True, help="Continue the run in --out where it stopped.")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
-@click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Seed of everything random.")
+@seed_option
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
 @click.pass_context
 def command(
@@ -73,11 +73,13 @@ def command(
     check_folder("--out", folder)
 
     from decomotion import checkpoint
+    from decomotion.device import choose_device
+    from decomotion.memory import kept_memory
     from decomotion.shots import check_no_files, each_shot
-    from decomotion.train import choose_device, fit
+    from decomotion.train import fit
 
     device = choose_device(device)
-    config = None if resume else supervision.config(device)
+    config = None if resume else supervision.config()
     default, seconds_each = Duration().convert(DEFAULT_BUDGET, None, None), None
     if config is not None and config.preset in MINUTES and time_budget is None and steps is None:
         seconds_each = default
@@ -85,18 +87,20 @@ def command(
         check_no_files(config.data)
 
     def fit_one(part: Clip, folder: Path, share: float = 1.0) -> Path:
-        fit(
-            part,
-            folder,
-            config=config,
-            steps=steps,
-            time_budget=seconds_each if time_budget is None else share * time_budget,
-            resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
-            rebuild_cache=rebuild_cache,
-            seed=seed,
-            device=device,
-            ignore_cuts=shots != "stop",
-        )
+        with kept_memory():
+            fit(
+                part,
+                folder,
+                config=config,
+                steps=steps,
+                time_budget=seconds_each if time_budget is None else share * time_budget,
+                resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
+                rebuild_cache=rebuild_cache,
+                seed=seed,
+                device=device,
+                ignore_cuts=shots != "stop",
+                stopping=interrupt_flag,
+            )
         click.echo(f"fitted {part.name} ({len(part)} frames of {part.width}x{part.height}): {folder}")
         return folder
 

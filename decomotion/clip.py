@@ -118,12 +118,14 @@ def is_variable(times: npt.NDArray[np.float64]) -> bool:
 
 
 def read_clip(path: str | Path) -> Clip:
-    """Reads a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png, natural order) or a video file.
+    """Reads a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png) or a video file, upright.
 
     With `@A:B` behind the path, the frames from A up to but without B, a shot of a longer video: the others are not
-    kept, and what follows is not decoded.
+    kept, and what follows is not decoded. Says in the log what a damaged video has lost, and where times, pixels or
+    values are not as usual (`docs/formats.md`).
 
-    Raises `ClipError` where there are fewer than two frames, frames of different sizes, or one that does not decode.
+    Raises `ClipError` where there are fewer than two frames, frames of different sizes, a file of a folder that does
+    not decode, or files that can be read as two clips or in two orders.
     """
     path, begin, end = _split(Path(path))
     if not path.exists():

@@ -51,11 +51,32 @@ def fused_weights(
     )
 
 
+def static_share(static: Float[Tensor, "*batch"], dynamic: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """The static confidence of rays, from both volumes' fused weights: the static one's share of them.
+
+    It is 1 where a ray has no weight: where nothing is, nothing moves.
+    """
+    total = static + dynamic
+    return torch.where(total > LEAST_WEIGHT, static / total.clamp_min(LEAST_WEIGHT), 1.0)
+
+
+LEAST_WEIGHT = 1e-6
+"""A ray of less fused weight has none."""
+
+
 def composite(
     weights: Float[Tensor, "*batch sample"], values: Float[Tensor, "*batch sample channel"]
 ) -> Float[Tensor, "*batch channel"]:
     """Sum over the samples of weight times value."""
     return torch.matmul(weights[..., None, :], values)[..., 0, :]
+
+
+def as_if_opaque(colour: Tensor, opacity: Tensor) -> Tensor:
+    """The colour of one volume's rays for a picture: the mean of their samples' by weight, however thin the ray.
+
+    The opacity broadcasts against the colour, whose channels are on any axis.
+    """
+    return colour / opacity.clamp_min(1e-3)
 
 
 THIN, THICK = 0.25, 0.75

@@ -1,6 +1,7 @@
 """Pixels, rays and normalised space: the one place that says where things are.
 
 Pixels      `(x, y)`, centres at integers: the image covers [-0.5, W - 0.5] x [-0.5, H - 0.5].
+Units       `(x, y)` on the raster whose longer side is 256, likewise (`decomotion.units`).
 Normalised  the image's centre is the origin and its longer side spans [-1, 1]; both axes have the same scale, so
             a similarity in pixels is a similarity here.
 Local       `(x, y, z)` of one frame: normalised x and y, and the pseudo-depth z along the orthographic ray,
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
+from decomotion import units
+
 
 @dataclass(frozen=True)
 class ImagePlane:
@@ -23,9 +26,14 @@ class ImagePlane:
     width: int
 
     @property
-    def pixels_per_unit(self) -> float:
-        """Length in pixels of one normalised unit."""
+    def half_side(self) -> float:
+        """Half of the longer side, in pixels: the length of 1 in normalised coordinates."""
         return max(self.height, self.width) / 2
+
+    @property
+    def unit(self) -> float:
+        """Length of a unit in pixels."""
+        return units.unit(self.height, self.width)
 
     @property
     def centre(self) -> tuple[float, float]:
@@ -34,8 +42,16 @@ class ImagePlane:
 
     def normalise(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Pixels to normalised coordinates."""
-        return (xy - xy.new_tensor(self.centre)) / self.pixels_per_unit
+        return (xy - xy.new_tensor(self.centre)) / self.half_side
 
     def to_pixels(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Normalised coordinates to pixels."""
-        return xy * self.pixels_per_unit + xy.new_tensor(self.centre)
+        return xy * self.half_side + xy.new_tensor(self.centre)
+
+    def to_units(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """Pixels to units."""
+        return units.to_units(xy, self.height, self.width)
+
+    def from_units(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
+        """Units to pixels."""
+        return units.from_units(xy, self.height, self.width)

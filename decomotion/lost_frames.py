@@ -38,6 +38,8 @@ class Met:
     """Of each frame that is kept, where the file says it."""
     keys: list[bool] = field(default_factory=list)
     """Whether each builds on no other."""
+    decode_times: list[float | None] = field(default_factory=list)
+    """Of each coded frame, in the file's order."""
     losses: list[Loss] = field(default_factory=list)
     unread: int = 0
     """Frames that the file announces and that never came: it ends before them."""

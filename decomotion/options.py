@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from decomotion.errors import ConfigError
+from decomotion.presets import AUTO, AUTO_PRESET, PRESETS
 
 if TYPE_CHECKING:
     from decomotion.config import Config
@@ -49,11 +50,11 @@ class Supervision:
     tracks: str | None
     prepare_budget: float | None
 
-    def config(self, device: str) -> Config:
-        """The resolved configuration; the preset `auto` depends on the device."""
+    def config(self) -> Config:
+        """The resolved configuration."""
         from decomotion import config as configuration
 
-        name = self.preset if self.preset != "auto" else "paper" if device.startswith("cuda") else "cpu"
+        name = AUTO_PRESET if self.preset == AUTO else self.preset
         chosen = {
             "data.features": self.features,
             "data.feature_weights": self.feature_weights,
@@ -74,9 +75,9 @@ class Supervision:
 SUPERVISION_OPTIONS = (
     click.option(
         "--preset",
-        type=click.Choice(["auto", "cpu", "omnimotion", "paper"]),
-        default="auto",
-        help="Sizes, losses and schedules; auto: paper where there is a CUDA device, else cpu.",
+        type=click.Choice([AUTO, *PRESETS]),
+        default=AUTO,
+        help=f"Sizes, losses and schedules; {AUTO}: {AUTO_PRESET}.",
     ),
     click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override one configuration value."),
     click.option("--config", "file", type=click.Path(path_type=Path), help="YAML file to use in place of a preset."),
@@ -94,7 +95,7 @@ SUPERVISION_OPTIONS = (
     click.option("--feature-weights", metavar="FILE", help="Weights of ALIKED or DINO."),
     click.option(
         "--masks",
-        metavar="auto|rigid-first|none|DIR",
+        metavar="auto|none|DIR",
         help="Motion masks, or a folder of them.  [default: the preset's]",
     ),
     click.option("--tracks", metavar="FILE", help="Tracks of any tracker, .npz, as further correspondences."),
@@ -104,6 +105,11 @@ SUPERVISION_OPTIONS = (
         help="Time that preparation should take at most, in a fit no more than three quarters of its --time-budget: "
         "thins the gaps at which flow is computed.  [default: the preset's]",
     ),
+)
+
+
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Seed of everything random."
 )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from decomotion.console import run
-from decomotion.options import Supervision, supervision_options
+from decomotion.options import Supervision, seed_option, supervision_options
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -19,7 +19,8 @@ from decomotion.options import Supervision, supervision_options
 @click.option("--preview", metavar="PNG", type=click.Path(path_type=Path), help="Write a sheet of pictures of it.")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare anew what is there already.")
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
-def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, **options: Any) -> None:
+@seed_option
+def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, seed: int, **options: Any) -> None:
     """Prepare the supervision of CLIP, a folder of frames or a video file; CLIP@A:B takes frames A up to but without B.
 
     decomo-train with the same options finds it, and so does a second call of this command after the first was stopped.
@@ -33,11 +34,13 @@ def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, 
 
     from decomotion.data.cuts import find_cuts
     from decomotion.data.prepare import prepare_in_stages
-    from decomotion.train import choose_device
+    from decomotion.device import choose_device
+    from decomotion.memory import kept_memory
 
     device = choose_device(device)
-    config = Supervision(**options).config(device)
-    prepared = prepare_in_stages(frames, config.data, rebuild=rebuild_cache, device=device)
+    config = Supervision(**options).config()
+    with kept_memory():
+        prepared = prepare_in_stages(frames, config.data, seed=seed, rebuild=rebuild_cache, device=device)
     for stage in prepared.stages:
         seconds = ", ".join(f"{part} {each:.1f} s" for part, each in stage.seconds.items())
         click.echo(f"{stage.name}: {stage.bytes / 2**20:.0f} MiB, {f'cached ({seconds})' if stage.cached else seconds}")

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from decomotion.compositing import composite, thickened
+from decomotion.compositing import as_if_opaque, composite, thickened
 from decomotion.model.fusion import DecoMotion
-from decomotion.rays import FAR
+from decomotion.pseudo_depth import FAR
 
 SIDE = 128
 """Longer side of a preview in pixels."""
@@ -35,8 +35,8 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
         weights = rays.fused_static + rays.fused_dynamic
         depth = (composite(weights, rays.depths[..., None]) / rays.opacity.clamp_min(1e-3)[..., None]) / FAR
         confidence = rays.static_confidence[..., None]
-        static = _as_if_opaque(rays.alone_static, rays.static.colour)
-        dynamic = _as_if_opaque(rays.alone_dynamic, rays.dynamic.colour)
+        static = _alone(rays.alone_static, rays.static.colour)
+        dynamic = _alone(rays.alone_dynamic, rays.dynamic.colour)
         objects = dynamic * (1 - confidence) + confidence
         fused = thickened(rays.fused_colour(), rays.opacity[..., None])
         layers = [fused, static, objects, confidence.expand_as(static), depth.expand_as(static)]
@@ -45,8 +45,8 @@ def render_layers(model: DecoMotion, frame: int, side: int = SIDE) -> npt.NDArra
     return (picture.permute(0, 2, 1, 3).reshape(height, 5 * width, 3) * 255).round().byte().cpu().numpy()
 
 
-def _as_if_opaque(
+def _alone(
     weights: Float[Tensor, "1 point sample"], colour: Float[Tensor, "1 point sample 3"]
 ) -> Float[Tensor, "1 point 3"]:
-    """Colour of a volume alone: the mean of its samples' by weight."""
-    return composite(weights, colour) / weights.sum(-1, keepdim=True).clamp_min(1e-3)
+    """Colour of a volume alone."""
+    return as_if_opaque(composite(weights, colour), weights.sum(-1, keepdim=True))

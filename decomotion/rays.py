@@ -6,8 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Generator, Tensor
 
-NEAR, FAR = 0.0, 2.0
-"""Pseudo-depths at which rays begin and end."""
+from decomotion.pseudo_depth import FAR, NEAR
 
 
 def sample_depths(

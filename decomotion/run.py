@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import logging
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from threading import Event, current_thread, main_thread
+from threading import Event
 from typing import Any
 
 import torch
 from tqdm import tqdm
 
 from decomotion import checkpoint, images, previews
+from decomotion.chance import torch_generator
 from decomotion.checkpoint import ClipFacts
 from decomotion.config import Config
 from decomotion.data.batch import Batch, Sampler
@@ -31,6 +31,15 @@ log = logging.getLogger(__name__)
 
 MOST_OF_IT = 0.6
 """Share of a run's time from which preparation is worth a warning."""
+
+
+Stopping = Callable[[], AbstractContextManager[Event]]
+"""Within it steps are taken until the event is set, whoever sets it: `decomotion.console.interrupt_flag` on Ctrl-C."""
+
+
+def never() -> AbstractContextManager[Event]:
+    """Nobody tells a run to stop."""
+    return nullcontext(Event())
 
 
 class Run:
@@ -79,8 +88,11 @@ class Run:
         }
         checkpoint.save(self.folder / checkpoint.FILE_NAME, self.config, self.clip, self.model, training)
 
-    def loop(self, begin: float, progress: bool) -> None:
-        """Optimises until the budget is spent; saves on the way, on Ctrl-C and at the end."""
+    def loop(self, begin: float, progress: bool, stopping: Stopping = never) -> None:
+        """Optimises until the budget is spent; saves on the way, when it is told to stop and at the end.
+
+        Raises `KeyboardInterrupt` where it was told to stop.
+        """
         from torch.utils.tensorboard import SummaryWriter
 
         begin -= self.elapsed
@@ -99,8 +111,8 @@ class Run:
         saved = shown = time.monotonic()
         pictures = int(self.progress * self.config.log.previews)
         bar = tqdm(total=100, desc="fit", disable=not progress, bar_format="{desc} {percentage:3.0f}%|{bar}| {postfix}")
-        with interrupt_flag() as interrupted, naming(events), closing(writer), closing(bar):
-            while (done := self.progress) < 1 and not interrupted.is_set():
+        with stopping() as told, naming(events), closing(writer), closing(bar):
+            while (done := self.progress) < 1 and not told.is_set():
                 losses = self.optimise(done)
                 self.step += 1
                 now = time.monotonic()
@@ -131,9 +143,9 @@ class Run:
     def optimise(self, progress: float) -> dict[str, float]:
         """One step; returns the unweighted losses."""
         optim = self.config.optim
-        generator = torch.Generator().manual_seed((self.seed << 32) + self.step)
-        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), generator)
-        depth_generator = torch.Generator(self.device).manual_seed((self.seed << 32) + (1 << 31) + self.step)
+        of_batch = torch_generator(self.seed, "batch", self.step)
+        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), of_batch)
+        of_depths = torch_generator(self.seed, "depths", self.step, self.device)
         weights = {name: value_at(weight, progress) for name, weight in self.losses.items()}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
@@ -145,7 +157,7 @@ class Run:
         for first in range(0, optim.pairs, size):
             part = batch.pairs(first, first + size)
             share = len(part.frame) / optim.pairs
-            values = self.accumulate(part, weights, share, depth_generator)
+            values = self.accumulate(part, weights, share, of_depths)
             for name, value in values.items():
                 totals[name] += share * value
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)
@@ -210,23 +222,3 @@ def _show(bar: Any, run: Run, losses: dict[str, float]) -> None:
     left = optimising / max(run.progress, 1e-6) - optimising
     shown = "  ".join(f"{name} {value:.2f}" for name, value in losses.items() if name.startswith("flow"))
     bar.set_postfix_str(f"step {run.step}  {run.step / optimising:.1f}/s  {left / 60:.1f} min left  {shown}")
-
-
-@contextmanager
-def interrupt_flag() -> Iterator[Event]:
-    """An event that the first Ctrl-C sets, so that a step is never cut in two; a second Ctrl-C interrupts at once."""
-    event = Event()
-    if current_thread() is not main_thread():
-        yield event
-        return
-    former = signal.getsignal(signal.SIGINT)
-
-    def note(*_: object) -> None:
-        event.set()
-        signal.signal(signal.SIGINT, former)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, former)

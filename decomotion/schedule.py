@@ -4,11 +4,68 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
-from decomotion.config import OptimConfig, Schedule
+from pydantic import Field
+
+from decomotion.leaf import Leaf
 
 MIN_SECONDS = 1.0
 """A run optimises for this long even where preparation has used up its time."""
+
+
+class Schedule(Leaf):
+    """A number that changes linearly over a part of the run."""
+
+    value: float
+    """Before `begin`."""
+    to: float
+    """After `end`."""
+    begin: float = Field(ge=0, le=1)
+    """Fraction of the run at which the change begins."""
+    end: float = Field(ge=0, le=1)
+    """Fraction of the run at which it is complete."""
+
+
+class OptimConfig(Leaf):
+    """The optimisation."""
+
+    steps: int = Field(ge=1)
+    """Optimisation steps where neither --steps nor --time-budget says otherwise."""
+    pairs: int = Field(ge=1)
+    """Frame pairs in a batch."""
+    points: int = Field(ge=1)
+    """Correspondences of each pair in a batch."""
+    lr_field: float
+    """Adam's learning rate of the fields."""
+    lr_transform: float
+    """Of the transforms."""
+    lr_code: float
+    """Of the frame codes."""
+    warmup: float = Field(ge=0, le=1)
+    """Fraction of the run over which the learning rates rise from zero."""
+    decay: Literal["cosine", "step"]
+    """How they fall: half a cosine to zero, or by `decay_factor` every `decay_every` of the run."""
+    decay_every: float = Field(gt=0, le=1)
+    decay_factor: float = Field(gt=0, le=1)
+    gap: Schedule
+    """Longest frame gap of a pair, as a fraction of the clip's length."""
+    hard_mining: float = Field(ge=0, le=1)
+    """Share of the correspondences that are drawn by their last known error."""
+    smooth_share: float = Field(ge=0, le=1)
+    """Share of the correspondences at which scene-flow smoothness is evaluated."""
+    candidates: int = Field(ge=1)
+    """Points drawn for each that a batch takes: those whose target is known are taken first."""
+    moving_share: float = Field(ge=0, le=0.9)
+    """Least share of the correspondences that is drawn from what moves; 0: as much as it covers."""
+    count_maps: bool
+    """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
+    micro_batch: int = Field(ge=0)
+    """Pairs whose graph is held in memory at once (gradients are accumulated; the mathematics is the same); 0: all."""
+    clip_norm: float = Field(gt=0)
+    """Norm to which the whole model's gradient is cut where it is larger."""
+    autocast: Literal["none", "bf16"]
+    """Precision of the products of MLPs' hidden layers (`decomotion/model/precision.py`); all else is float32."""
 
 
 @dataclass(frozen=True)
@@ -23,15 +80,6 @@ class Budget:
         if self.seconds is None:
             return step / self.steps
         return min(1.0, (elapsed - prepared) / max(self.seconds - prepared, MIN_SECONDS))
-
-    def after(self, steps: int) -> Budget:
-        """What is left of it when so many of the steps are done; of a time, the run itself knows."""
-        return Budget(max(1, self.steps - steps), self.seconds)
-
-    def part(self, share: float, elapsed: float) -> Budget:
-        """That share of the steps, or of the time that is left after `elapsed` seconds."""
-        seconds = None if self.seconds is None else share * max(self.seconds - elapsed, MIN_SECONDS)
-        return Budget(max(1, round(share * self.steps)), seconds)
 
 
 def value_at(schedule: float | Schedule, progress: float) -> float:

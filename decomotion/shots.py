@@ -9,9 +9,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from decomotion.clip import Clip
-from decomotion.config import DataConfig, FolderFlowConfig
+from decomotion.data.config import DataConfig
 from decomotion.data.cuts import find_cuts
-from decomotion.data.motion import WITHOUT_MASKS
+from decomotion.data.flow.config import FolderFlowConfig
 from decomotion.errors import ClipError, ConfigError
 from decomotion.files import replacing
 
@@ -62,7 +62,7 @@ def check_no_files(config: DataConfig) -> None:
     """Raises `ConfigError` where flow, masks or tracks are the user's own, which go with the frames of the clip."""
     given = {
         "--flow": isinstance(config.flow, FolderFlowConfig),
-        "--masks": config.masks not in ("auto", *WITHOUT_MASKS),
+        "--masks": config.masks not in ("auto", "none"),
         "--tracks": config.tracks is not None,
     }
     named = " and ".join(option for option, is_given in given.items() if is_given)

@@ -100,7 +100,7 @@ def _read(path: Path, container: InputContainer, index: int, begin: int, end: in
         if number >= begin:
             upright, turned = _upright(frame)
             frames.append(upright)
-    times = _times(path.name, stream, met)
+    times = _times(path.name, container, stream, met)
     aspect = float(stream.sample_aspect_ratio or 1)
     return VideoFile(frames, times[begin:] - times[begin:][:1], 1 / aspect if turned else aspect, len(times))
 
@@ -109,10 +109,11 @@ def _decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterat
     """The frames that decode; `met` tells of them and of the others. Raises PyAV's error where none does."""
     from av.error import FFmpegError
 
-    packets, failure = 0, None
+    failure = None
     try:
         for packet in container.demux(stream):
-            packets += packet.dts is not None
+            if packet.size:
+                met.decode_times.append(None if packet.dts is None else float(packet.dts * packet.time_base))
             try:
                 decoded = packet.decode()
             except FFmpegError as error:
@@ -130,18 +131,18 @@ def _decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterat
         failure = failure or error
     if failure is not None and not met.times:
         raise failure
-    met.unread = _unread(container, stream, met, packets)
+    met.unread = _unread(container, stream, met)
 
 
 def _seconds(packet: Packet) -> float | None:
     return None if packet.pts is None else float(packet.pts * packet.time_base)
 
 
-def _unread(container: InputContainer, stream: VideoStream, met: Met, packets: int) -> int:
+def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:
     """How many frames the file announces beyond its last."""
     announced = stream.frames if stream.average_rate == stream.guessed_rate or "mov" in container.format.name else 0
     if announced:
-        return max(0, announced - packets)
+        return max(0, announced - len(met.decode_times))
     times = [time for time in met.times if time is not None]
     duration = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska's
     if duration is None or len(times) < 2:
@@ -151,19 +152,30 @@ def _unread(container: InputContainer, stream: VideoStream, met: Met, packets: i
     return round(missing / np.median(steps)) - 1 if missing > 1.5 * steps.max() else 0
 
 
-def _times(name: str, stream: VideoStream, met: Met) -> npt.NDArray[np.float64]:
-    """Seconds of the frames from 0: their own, else by the rate that the file states. Says what is lost or assumed."""
-    rate = float(stream.guessed_rate or FALLBACK_RATE)
+def _times(name: str, container: InputContainer, stream: VideoStream, met: Met) -> npt.NDArray[np.float64]:
+    """Seconds of the frames from 0: their own, else even ones. Says what is lost or assumed."""
     times = np.array(met.times, np.float64)  # None becomes nan
-    own = len(times) > 0 and not np.isnan(times).any() and bool((np.diff(times) > 0).all())
-    if own:
-        times = _on_grid(times - times[0], rate)
+    own = container.format.name != "avi" or not stream.codec_context.has_b_frames  # AVI has but an order to decode in
+    if own and len(times) and not np.isnan(times).any() and (np.diff(times) > 0).all():
+        times = _on_grid(times - times[0], float(stream.guessed_rate or FALLBACK_RATE))
+        lost = lost_frames(name, met, times)
     else:
+        rate = _stated_rate(stream, met)
         times = np.arange(len(times)) / rate
         log.warning("%s does not say when its frames are shown: they are taken to be even, %.6g a second", name, rate)
-    if (lost := lost_frames(name, met, times if own else None)) is not None:
+        lost = lost_frames(name, met, None)
+    if lost is not None:
         log.warning("%s", lost)
     return times
+
+
+def _stated_rate(stream: VideoStream, met: Met) -> float:
+    """Frames a second where their times are not known: that of decoding, or the container's or the codec's."""
+    decoded = np.array(met.decode_times, np.float64)
+    if len(decoded) > 1 and not np.isnan(decoded).any() and (np.diff(decoded) > 0).all():
+        return float(f"{(len(decoded) - 1) / (decoded[-1] - decoded[0]):.12g}")
+    bare = np.isnan(decoded).all()  # a stream without a container, the rate of which ffmpeg doubles
+    return float((bare and stream.codec_context.framerate) or stream.guessed_rate or FALLBACK_RATE)
 
 
 def _on_grid(times: npt.NDArray[np.float64], rate: float) -> npt.NDArray[np.float64]:

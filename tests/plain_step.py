@@ -84,10 +84,15 @@ def along_ray(density: Tensor) -> Tensor:
 def predict_pair(
     model: DecoMotion, xy: Tensor, frame: int, target: int, depths: Tensor, smooth_points: int
 ) -> dict[str, Tensor]:
-    """The prediction for the points [point, 2] of one pair with their sample depths [point, sample]."""
+    """The prediction for the points [point, 2] of one pair with their sample depths [point, sample].
+
+    Points lie on the raster that covers the frame and whose longer side is 256.
+    """
     codes = model.frame_code()
     points, samples = depths.shape
-    local = torch.cat([model.plane.normalise(xy)[:, None].expand(-1, samples, -1), depths[..., None]], dim=-1)
+    middle = torch.tensor([model.plane.width, model.plane.height]) * (128 / max(model.plane.width, model.plane.height))
+    normalised = (xy + 0.5 - middle) / 128
+    local = torch.cat([normalised[:, None].expand(-1, samples, -1), depths[..., None]], dim=-1)
     found: dict[str, Tensor] = {"depths": depths}
     canonical, there, density, colour, beta = {}, {}, {}, {}, torch.zeros(())
     for name, volume in (("static", model.static), ("dynamic", model.dynamic)):
@@ -99,15 +104,15 @@ def predict_pair(
         beta = torch.sigmoid(raw[..., 4]) if name == "static" else beta
         alone = along_ray(density[name]) * (1 - torch.exp(-density[name]))
         found[f"{name}_weights"], found[f"{name}_depths"] = alone, there[name][..., 2]
-        found[f"{name}_xy"] = model.plane.to_pixels((alone[..., None] * there[name]).sum(1)[:, :2])
+        found[f"{name}_xy"] = (alone[..., None] * there[name]).sum(1)[:, :2] * 128 + middle - 0.5
         found[f"{name}_rgb"] = (alone[..., None] * colour[name]).sum(1)
     through = along_ray(beta * density["static"] + (1 - beta) * density["dynamic"])
     static = through * beta * (1 - torch.exp(-density["static"]))
     dynamic = through * (1 - beta) * (1 - torch.exp(-density["dynamic"]))
     fused = (static[..., None] * there["static"] + dynamic[..., None] * there["dynamic"]).sum(1)
-    found["fused_xy"] = model.plane.to_pixels(fused[:, :2])
+    found["fused_xy"] = fused[:, :2] * 128 + middle - 0.5
     found["fused_rgb"] = (static[..., None] * colour["static"] + dynamic[..., None] * colour["dynamic"]).sum(1)
-    found["static_confidence"] = static.sum(1) / (static + dynamic).sum(1)
+    found["motion_mask"] = (found["static_weights"] * beta).sum(1)
     features = model.feature_head(gabor(model.feature_field, canonical["dynamic"].reshape(-1, 3)))
     weights = found["dynamic_weights"][..., None]
     found["dynamic_feature"] = (weights * features.reshape(points, samples, -1)).sum(1)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -27,9 +28,13 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.errors",
     "decomotion.files",
+    "decomotion.frame_files",
     "decomotion.images",
     "decomotion.outputs",
+    "decomotion.presets",
+    "decomotion.pseudo_depth",
     "decomotion.times",
+    "decomotion.units",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 
@@ -41,19 +46,28 @@ MAY_IMPORT = {
 }
 SUPERVISION = [
     "decomotion.config",
+    "decomotion.data.config",
     "decomotion.data.flow",
-    "decomotion.data.intervals",
-    "decomotion.data.linking",
+    "decomotion.data.links.intervals",
+    "decomotion.data.links.linking",
     "decomotion.data.sampling",
 ]
 FETCHED = {
-    "decomo_eval.baselines": [*SUPERVISION, "decomotion.train.choose_device"],
+    "decomo_eval.baselines": [*SUPERVISION, "decomotion.device.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
     "decomo_eval.bench.task": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
-OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray"}
+OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray", "decomo_eval.report.charts": "report"}
 """Modules that fetch what one extra installs, when it is asked for and not before."""
+SHARED_BY_THE_PROCESS = (
+    r"signal\.signal|basicConfig|setLevel|seterr|setNumThreads|setRNGSeed|random\.seed|environ\[[^]]*\] ="
+    r"|environ\.update|environ\.setdefault|putenv|chdir|umask|simplefilter|setdefaulttimeout|rcParams\["
+)
+RESTORES = ["decomo_eval.bench.cluster"]
+"""Modules that change some of it for a while: their tests see it restored."""
+SELDOM_ASKED_FOR = ["ray", "matplotlib"]
+"""What those extras install."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
 TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -107,6 +121,35 @@ def test_import_direction(package: str):
     assert not forbidden, f"{package} may import {MAY_IMPORT[package]} of ours"
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_modules_import_each_other(package: str):
+    """Nor a ring of them, not even within functions or for their types."""
+    modules = dict(modules_of(package))
+    imports = {
+        module: {
+            next((known for known in (name, name.rpartition(".")[0]) if known in modules), module)
+            for name in imported_names(file.read_text(), module, file.name == "__init__.py")
+        }
+        - {module}
+        for module, file in modules.items()
+    }
+    TopologicalSorter(imports).prepare()  # a CycleError names them
+
+
+def test_what_is_exported_has_names_of_its_own():
+    """A class of the exporter that had the name of one of the trainer's would be taken for it."""
+    names = {
+        package: {
+            node.name
+            for _, file in modules_of(package)
+            for node in ast.parse(file.read_text()).body
+            if isinstance(node, ast.ClassDef)
+        }
+        for package in ("decomotion", "decomo_export")
+    }
+    assert not names["decomotion"] & names["decomo_export"]
+
+
 @pytest.mark.parametrize("package", TORCH_FREE)
 def test_runtime_and_eval_name_no_training_library_even_in_a_function(package: str):
     forbidden = [
@@ -137,6 +180,18 @@ def test_every_library_used_is_declared(package: str):
             )
 
 
+@pytest.mark.parametrize("package", TORCH_FREE)
+def test_only_commands_change_what_the_whole_process_shares(package: str):
+    """Threads of libraries, their chance, logging, signals, the environment: these are the caller's."""
+    found = [
+        f"{file.relative_to(ROOT)}: {call}"
+        for module, file in modules_of(package)
+        if not module.endswith("cli") and module not in RESTORES
+        for call in re.findall(SHARED_BY_THE_PROCESS, file.read_text())
+    ]
+    assert not found
+
+
 def test_runtime_and_eval_import_without_the_extras():
     without_torch = [name for package in TORCH_FREE for name, _ in modules_of(package)]
     modules = [name for name in [*GROUND_FLOOR, *without_torch] if "__" not in name]
@@ -155,7 +210,7 @@ sys.meta_path.insert(0, Hidden())
 for module in modules:
     importlib.import_module(module)
 """
-    hidden = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    hidden = [*TRAINING_ONLY, *SELDOM_ASKED_FOR]
     result = run_python(hide_then_import, ",".join(hidden), ",".join(modules))
     assert result.returncode == 0, result.stderr
 
@@ -176,7 +231,7 @@ code = getattr(importlib.import_module(module), function)(argv)
 print("imported:", [name for name in heavy.split(",") if name in sys.modules])
 sys.exit(code)
 """
-    heavy = [*TRAINING_ONLY, *OF_AN_EXTRA.values()]
+    heavy = [*TRAINING_ONLY, *SELDOM_ASKED_FOR]
     result = run_python(help_then_heavy_modules, module, function, ",".join(heavy), *argv)
     assert result.returncode == 0, result.stderr
     help_text, _, imported = result.stdout.rpartition("imported: ")

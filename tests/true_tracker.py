@@ -17,14 +17,15 @@ class TrueTracker:
     Args:
         static: what `static_confidence` is off the square.
         height: of the clip, where its lowest rows are cut off.
+        object_share: of the model, as in its file's metadata.
     """
 
     num_frames, width, fps, clip_name = FRAMES, SIZE, 24.0, "sliding"
     path = Path("sliding.onnx")
 
-    def __init__(self, static: float = 1.0, height: int = SIZE) -> None:
+    def __init__(self, static: float = 1.0, height: int = SIZE, object_share: float = 0.1) -> None:
         self.static, self.height = static, height
-        self.facts = ModelFacts("sliding", FRAMES, height, SIZE, 24.0, "cpu", 0.5)
+        self.facts = ModelFacts("sliding", FRAMES, height, SIZE, 24.0, "cpu", 0.5, object_share)
 
     def sample(self, queries: npt.ArrayLike) -> Appearance:
         queries = np.asarray(queries, np.float32)
@@ -32,6 +33,9 @@ class TrueTracker:
         grey = np.full((len(queries), 3), 0.5, np.float32)
         one = np.ones(len(queries), np.float32)
         return Appearance(grey, grey, grey, confidence, one, one)
+
+    def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        return self.sample(queries).static_confidence < 1 - self.facts.object_share
 
     def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
         queries = np.asarray(queries, np.float32)

@@ -30,7 +30,7 @@ def served(folder: Path) -> Iterator[str]:
         thread.start()
         yield f"http://{HOST}:{server.server_address[1]}/"
         server.shutdown()
-        thread.join()
+        thread.join(60)
 
 
 class ViewPage:

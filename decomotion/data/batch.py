@@ -10,13 +10,14 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Generator, Tensor
 
-from decomotion.config import OptimConfig
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
+from decomotion.schedule import OptimConfig
+from decomotion.units import to_units
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Correspondences of some frame pairs. Positions in pixels."""
+    """Correspondences of some frame pairs. Positions in units (`decomotion.units`)."""
 
     frame: Int[Tensor, " pair"]
     target_frame: Int[Tensor, " pair"]
@@ -56,7 +57,7 @@ class Sampler:
         self._pool = pool
         self._config = config
         self.errors = torch.ones(pool.num_frames, pool.num_points)
-        """[frame, point]: running mean of each point's position error in pixels (OmniMotion's error maps)."""
+        """[frame, point]: running mean of each point's position error in units (OmniMotion's error maps)."""
         self._hard = round(config.points * config.hard_mining)
         uniform = not config.count_maps and config.moving_share == 0
         self._cumulated = None if uniform else _cumulated_probability(pool, config)
@@ -90,8 +91,8 @@ class Sampler:
             frame=frame,
             target_frame=target,
             point=point,
-            xy=_tensor(pool.points[i, p]),
-            target_xy=_tensor(pool.targets[i, j, p]),
+            xy=_tensor(to_units(pool.points[i, p], pool.longer_side)),
+            target_xy=_tensor(to_units(pool.targets[i, j, p], pool.longer_side)),
             confidence=_tensor(pool.confidence[i, j, p]) / 255,
             rgb=_tensor(pool.rgb[i, p]) / 255,
             feature=_tensor(pool.feature[i, p]),
@@ -116,7 +117,7 @@ class Sampler:
         return torch.cat([rivals.gather(-1, winner)[..., 0], drawn], dim=-1)
 
     def note_errors(self, batch: Batch, error: Float[Tensor, "pair point"]) -> None:
-        """Remembers a batch's position errors in pixels; where the target is unknown, what was remembered decays."""
+        """Remembers a batch's position errors in units; where the target is unknown, what was remembered decays."""
         frame = batch.frame[:, None].expand_as(batch.point)
         old = self.errors[frame, batch.point]
         self.errors[frame, batch.point] = torch.where(batch.confidence > 0, 0.5 * old + 0.5 * error, 0.9 * old)

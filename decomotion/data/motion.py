@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import Clip
-from decomotion.data import camera, masks
+from decomotion.data import camera
+from decomotion.data.masks.auto import auto_masks
 from decomotion.data.pool import UNKNOWN_MOTION, Positions
-
-WITHOUT_MASKS = ("none", "rigid-first")
-"""Kinds of masks that preparation leaves open: the fit goes without, or finds its own (`decomotion/rigid.py`)."""
+from decomotion.units import unit
 
 
 def build_motion(
@@ -24,6 +23,7 @@ def build_motion(
     grid: tuple[int, int],
     kind: str,
     given: npt.NDArray[np.bool_] | None,
+    random: np.random.Generator,
     progress: bool,
     folder: Path,
 ) -> dict[str, Any]:
@@ -35,21 +35,22 @@ def build_motion(
         targets: [frame, frame, point, 2], where they lie in the other frames.
         confidence: [frame, frame, point].
         grid: rows and columns of the jittered grid.
-        kind: `auto`; `none` or `rigid-first`, for which nothing is known yet; or a folder's name.
+        kind: `auto`; `none`, for which nothing is known; or a folder's name.
         given: the user's masks [frame, H, W], where `kind` is a folder.
+        random: draws the points that masks `auto` are found from.
         progress: show a progress bar.
         folder: of the stage.
     """
-    if kind in WITHOUT_MASKS:
+    if kind == "none":
         moving = np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     else:
         if given is None:
-            given = masks.auto_masks(clip.frames, points, targets, confidence, grid, progress)
+            given = auto_masks(clip.frames, points, targets, confidence, grid, random, progress)
         moving = moving_at(points, given)
     of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
-    return {"moving": None if kind in WITHOUT_MASKS else float((moving == 1).mean())}
+    return {"moving": None if kind == "none" else float((moving == 1).mean())}
 
 
 def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
@@ -71,9 +72,11 @@ def closed_form(
     Points of unknown motion count for both.
     """
     usable = confidence > 0
-    unit = max(clip.height, clip.width) / 256
-    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], unit)
-    of_object = camera.chain(points, targets, usable & (moving != 0)[:, None], unit, similarity=True, fallback=of_scene)
+    length = unit(clip.height, clip.width)
+    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], length)
+    of_object = camera.chain(
+        points, targets, usable & (moving != 0)[:, None], length, similarity=True, fallback=of_scene
+    )
     return (
         camera.to_normalised(of_scene, clip.height, clip.width),
         camera.to_normalised(of_object, clip.height, clip.width),

@@ -86,6 +86,8 @@ class Pool:
     moving: npt.NDArray[np.uint8]
     camera: npt.NDArray[np.float32]
     object: npt.NDArray[np.float32]
+    longer_side: int
+    """Of the clip's frames, in pixels."""
 
     @property
     def num_frames(self) -> int:
@@ -109,8 +111,10 @@ def open_pool(folders: Iterable[Path], longer_side: int) -> Pool:
     `longer_side` is that of the clip's frames in pixels.
     """
     files = {file.stem: file for folder in folders for file in folder.glob("*.npy")}
-    arrays: dict[str, Any] = {field.name: np.load(files[field.name], mmap_mode="r") for field in fields(Pool)}
-    return Pool(**{**arrays, "targets": PackedPositions(arrays["targets"], longer_side)})
+    names = [field.name for field in fields(Pool) if field.name in files]
+    arrays: dict[str, Any] = {name: np.load(files[name], mmap_mode="r") for name in names}
+    targets = PackedPositions(arrays.pop("targets"), longer_side)
+    return Pool(**arrays, targets=targets, longer_side=longer_side)
 
 
 def affordable_points(frames: int, channels: int, mebibytes: int, filtered: bool = False) -> int:

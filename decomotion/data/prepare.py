@@ -13,22 +13,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.chance import generator
 from decomotion.clip import Clip
-from decomotion.config import DataConfig, FolderFlowConfig, RaftFlowConfig
-from decomotion.data import masks
-from decomotion.data.correspondences import build_links
+from decomotion.data.config import DataConfig
 from decomotion.data.features import FeatureExtractor, build_features
 from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
-from decomotion.data.filtering import Grid, build_filtered
 from decomotion.data.flow import FlowEstimator, build_flow
-from decomotion.data.intervals import pairs_of
-from decomotion.data.memory import kept_memory
-from decomotion.data.motion import WITHOUT_MASKS, build_motion
+from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
+from decomotion.data.links.filtering import Grid, build_filtered
+from decomotion.data.links.intervals import pairs_of
+from decomotion.data.links.stage import build_links
+from decomotion.data.links.tracks import UserTracks, read_tracks
+from decomotion.data.masks.folder import read_masks
+from decomotion.data.motion import build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned
-from decomotion.data.tracks import UserTracks, read_tracks
 from decomotion.errors import SupervisionError
+from decomotion.memory import give_back
 
 log = logging.getLogger(__name__)
 
@@ -62,38 +64,51 @@ def cache_root() -> Path:
 
 
 def prepare(
-    clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: bool = True, device: str = "cpu"
+    clip: Clip,
+    config: DataConfig,
+    *,
+    seed: int = 0,
+    rebuild: bool = False,
+    progress: bool = True,
+    device: str = "cpu",
 ) -> Pool:
     """The pool of `clip`, from the cache where it was prepared before with the same settings.
 
-    Networks run on `device`. Raises `SupervisionError` where flow, weights, masks or tracks are missing or do not fit.
+    `seed` decides which points are prepared; networks run on `device`. Raises `SupervisionError` where flow, weights,
+    masks or tracks are missing or do not fit.
     """
-    return prepare_in_stages(clip, config, rebuild=rebuild, progress=progress, device=device).pool
+    return prepare_in_stages(clip, config, seed=seed, rebuild=rebuild, progress=progress, device=device).pool
 
 
 def prepare_in_stages(
-    clip: Clip, config: DataConfig, *, rebuild: bool = False, progress: bool = True, device: str = "cpu"
+    clip: Clip,
+    config: DataConfig,
+    *,
+    seed: int = 0,
+    rebuild: bool = False,
+    progress: bool = True,
+    device: str = "cpu",
 ) -> Preparation:
     """As `prepare`, with the record of each stage."""
-    work = _Work(clip, config, progress, device)
+    work = _Work(clip, config, seed, progress, device)
     remove_abandoned(work.root)
     work.check(rebuild)
-    with kept_memory():
-        records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
-        if work.filters_on:
-            records.append(work.filter.run(work.build_filter, rebuild))
-        records.append(work.motion.run(work.build_motion, rebuild))
+    records = [work.links.run(work.build_links, rebuild), work.features.run(work.build_features, rebuild)]
+    if work.filters_on:
+        records.append(work.filter.run(work.build_filter, rebuild))
+    records.append(work.motion.run(work.build_motion, rebuild))
+    give_back()
     pool = open_pool([record.folder for record in records], work.longer_side)
     return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 
 
-def affordable(clip: Clip, config: DataConfig, seconds: float, *, rebuild: bool = False) -> DataConfig:
+def affordable(clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0, rebuild: bool = False) -> DataConfig:
     """`config` for a fit of so many seconds: with less of a budget where preparation would leave the fit too little.
 
     Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt.
     """
     share = FIT_SHARE * seconds
-    if share >= config.prepare_budget or (not rebuild and _Work(clip, config, False, "cpu").links.finished):
+    if share >= config.prepare_budget or (not rebuild and _Work(clip, config, seed, False, "cpu").links.finished):
         return config
     return config.model_copy(update={"prepare_budget": share})
 
@@ -101,11 +116,11 @@ def affordable(clip: Clip, config: DataConfig, seconds: float, *, rebuild: bool 
 class _Work:
     """One clip and its settings: the stages, and what each is built from."""
 
-    def __init__(self, clip: Clip, config: DataConfig, progress: bool, device: str) -> None:
-        self.clip, self.config, self.progress, self.device = clip, config, progress, device
+    def __init__(self, clip: Clip, config: DataConfig, seed: int, progress: bool, device: str) -> None:
+        self.clip, self.config, self.seed, self.progress, self.device = clip, config, seed, progress, device
         self.root = cache_root() / clip.digest()
         self.longer_side = max(clip.height, clip.width)
-        rules = config.filters
+        rules = config.rules
         self.filters_on = any(rule is not None for rule in (rules.cycle, rules.appearance, rules.second_look))
 
     def check(self, rebuild: bool) -> None:
@@ -134,9 +149,9 @@ class _Work:
 
     @cached_property
     def given_masks(self) -> npt.NDArray[np.bool_] | None:
-        if self.config.masks in ("auto", *WITHOUT_MASKS):
+        if self.config.masks in ("auto", "none"):
             return None
-        return masks.read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
+        return read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
 
     @cached_property
     def tracks(self) -> UserTracks | None:
@@ -170,7 +185,7 @@ class _Work:
     @cached_property
     def on_grid(self) -> npt.NDArray[np.float32]:
         """Its points, [frame, point, 2]."""
-        random = np.random.default_rng(0)
+        random = generator(self.seed, "points")
         return jittered_grid(len(self.clip), self.clip.height, self.clip.width, self.count, random)
 
     # the stages: of what each is the result; gaps follow the time there was, so that links are known by their record
@@ -188,6 +203,7 @@ class _Work:
             given=self.digest_of_flow(),
             budget=config.prepare_budget if isinstance(config.flow.intervals, str) else None,
             points=self.count,
+            seed=self.seed,
             cycle_threshold=config.pool.cycle_threshold,
             max_gap=config.pool.max_gap,
             matching=config.matching.model_dump(mode="json"),
@@ -203,12 +219,13 @@ class _Work:
             weights=None if config.feature_weights is None else file_digest(Path(config.feature_weights)),
             size=config.feature_size,
             points=self.count,
+            seed=self.seed,
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
 
     @cached_property
     def filter(self) -> Stage:
-        rules = self.config.filters.model_dump(mode="json")
+        rules = self.config.rules.model_dump(mode="json")
         return self.stage("filter", links=self.links.made, features=self.features.key, rules=rules)
 
     @cached_property
@@ -242,7 +259,7 @@ class _Work:
 
     def build_filter(self, folder: Path) -> dict[str, Any]:
         feature = np.load(self.features.folder / "feature.npy", mmap_mode="r")
-        return build_filtered(*self.linked(), feature, self.grid, self.config.filters, self.progress, folder)
+        return build_filtered(*self.linked(), feature, self.grid, self.config.rules, self.progress, folder)
 
     def build_motion(self, folder: Path) -> dict[str, Any]:
         points, targets, confidence = self.linked()
@@ -250,7 +267,8 @@ class _Work:
             confidence = np.load(self.filter.folder / "confidence.npy", mmap_mode="r")
         grid, given = (self.grid.rows, self.grid.columns), self.given_masks
         kind = self.config.masks
-        return build_motion(self.clip, points, targets, confidence, grid, kind, given, self.progress, folder)
+        random = generator(self.seed, "masks")
+        return build_motion(self.clip, points, targets, confidence, grid, kind, given, random, self.progress, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""

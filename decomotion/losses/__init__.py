@@ -8,11 +8,12 @@ it guides have weight 0 and the fused ones decide alone.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from decomotion.config import Schedule
 from decomotion.data.batch import Batch
 from decomotion.errors import ConfigError
 from decomotion.losses.depth_range import depth_range_loss
@@ -24,39 +25,52 @@ from decomotion.losses.robust_flow import robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
-from decomotion.rays import FAR, NEAR
-from decomotion.schedule import value_at
+from decomotion.pseudo_depth import FAR, NEAR
+from decomotion.schedule import Schedule, value_at
 
-Loss = Callable[[Prediction, Batch], Float[Tensor, ""]]
 
-LOSSES: dict[str, Loss] = {
-    "flow_dynamic": lambda p, b: flow_loss(p.dynamic_xy, b.target_xy, b.confidence * b.moving),
-    "flow_static": lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (b.masked - b.moving)),
-    "flow_fused": lambda p, b: flow_loss(p.fused_xy, b.target_xy, b.confidence),
-    "flow_robust": lambda p, b: robust_flow_loss(p.fused_xy, b.target_xy, b.confidence),
-    "photometric_dynamic": lambda p, b: photometric_loss(p.dynamic_rgb, b.rgb, b.moving),
-    "photometric_static": lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving),
-    "photometric_fused": lambda p, b: photometric_loss(p.fused_rgb, b.rgb, b.moving.new_ones(b.moving.shape)),
-    "feature": lambda p, b: feature_loss(p.dynamic_feature, b.feature, b.moving),
-    "segmentation": lambda p, b: segmentation_loss(p.static_confidence, b.moving, b.masked),
-    "scene_flow": lambda p, b: scene_flow_loss(p.acceleration),
-    "distortion": lambda p, b: (
-        distortion_loss(p.static_weights, p.depths, NEAR, FAR) + distortion_loss(p.dynamic_weights, p.depths, NEAR, FAR)
+class Loss(NamedTuple):
+    """One term of the sum."""
+
+    value: Callable[[Prediction, Batch], Float[Tensor, ""]]
+    """What its function is given."""
+    volumes: tuple[str, ...] = ()
+    """Those of `static` and `dynamic` that it looks at alone: where one of them is not there, the loss is left out."""
+
+    def __call__(self, prediction: Prediction, batch: Batch) -> Float[Tensor, ""]:
+        """The loss before it is weighted."""
+        return self.value(prediction, batch)
+
+
+S, D = ("static",), ("dynamic",)
+
+LOSSES = {
+    "flow_dynamic": Loss(lambda p, b: flow_loss(p.dynamic_xy, b.target_xy, b.confidence * b.moving), D),
+    "flow_static": Loss(lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (b.masked - b.moving)), S),
+    "flow_fused": Loss(lambda p, b: flow_loss(p.fused_xy, b.target_xy, b.confidence)),
+    "flow_robust": Loss(lambda p, b: robust_flow_loss(p.fused_xy, b.target_xy, b.confidence)),
+    "photometric_dynamic": Loss(lambda p, b: photometric_loss(p.dynamic_rgb, b.rgb, b.moving), D),
+    "photometric_static": Loss(lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving), S),
+    "photometric_fused": Loss(lambda p, b: photometric_loss(p.fused_rgb, b.rgb, torch.ones_like(b.moving))),
+    "feature": Loss(lambda p, b: feature_loss(p.dynamic_feature, b.feature, b.moving), D),
+    "segmentation": Loss(lambda p, b: segmentation_loss(p.motion_mask, b.moving, b.masked), S + D),
+    "scene_flow": Loss(lambda p, b: scene_flow_loss(p.acceleration)),
+    "distortion": Loss(
+        lambda p, b: (
+            distortion_loss(p.static_weights, p.depths, NEAR, FAR)
+            + distortion_loss(p.dynamic_weights, p.depths, NEAR, FAR)
+        )
     ),
-    "depth_range": lambda p, b: (
-        depth_range_loss(p.static_depths, NEAR, FAR) + depth_range_loss(p.dynamic_depths, NEAR, FAR)
+    "depth_range": Loss(
+        lambda p, b: depth_range_loss(p.static_depths, NEAR, FAR) + depth_range_loss(p.dynamic_depths, NEAR, FAR)
     ),
 }
-
-OF_STATIC = {"flow_static", "photometric_static", "segmentation"}
-OF_DYNAMIC = {"flow_dynamic", "photometric_dynamic", "feature", "segmentation"}
-LEFT_OUT = {"fused": set[str](), "static": OF_DYNAMIC, "dynamic": OF_STATIC}
-"""By `model.volumes`, the losses that look at a volume which is not there."""
 
 
 def applicable(weights: dict[str, float | Schedule], volumes: str) -> dict[str, float | Schedule]:
     """The losses that a model of these `volumes` can have."""
-    return {name: weight for name, weight in weights.items() if name not in LEFT_OUT[volumes]}
+    missing = {"fused": set(), "static": set(D), "dynamic": set(S)}[volumes]
+    return {name: weight for name, weight in weights.items() if missing.isdisjoint(LOSSES[name].volumes)}
 
 
 def check(weights: dict[str, float | Schedule], volumes: str) -> None:

@@ -11,5 +11,5 @@ def flow_loss(
     target_xy: Float[Tensor, "pair point 2"],
     weight: Float[Tensor, "pair point"],
 ) -> Float[Tensor, ""]:
-    """Weighted L1 distance in pixels, averaged over all points, those of weight 0 included."""
+    """Weighted L1 distance in units, averaged over all points, those of weight 0 included."""
     return (weight * (predicted_xy - target_xy).abs().sum(-1)).mean()

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 SCALE = 2.0
-"""Distance in pixels at which the pull of a point has fallen to a half."""
+"""Distance in units at which the pull of a point has fallen to a half."""
 
 
 def robust_flow_loss(
@@ -15,6 +15,6 @@ def robust_flow_loss(
     target_xy: Float[Tensor, "pair point 2"],
     weight: Float[Tensor, "pair point"],
 ) -> Float[Tensor, ""]:
-    """Weighted SCALE log(1 + d / SCALE) of the distances d in pixels, averaged over all points, weight 0 included."""
+    """Weighted SCALE log(1 + d / SCALE) of the distances d in units, averaged over all points, weight 0 included."""
     distance = (predicted_xy - target_xy).abs().sum(-1)
     return (weight * SCALE * torch.log1p(distance / SCALE)).mean()

@@ -22,7 +22,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from decomotion.config import GridConditionerConfig, MlpConditionerConfig
+from decomotion.model.config import GridConditionerConfig, MlpConditionerConfig
 from decomotion.model.precision import HiddenLinear
 
 LOG_SCALE_LIMIT = 8.0

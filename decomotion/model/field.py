@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from decomotion.config import GaborFieldConfig, GridFieldConfig
+from decomotion.model.config import GaborFieldConfig, GridFieldConfig
 from decomotion.model.coupling import grid_size
 from decomotion.model.precision import HiddenLinear
 

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from decomotion.config import TableCodeConfig, TimeCodeConfig
+from decomotion.model.config import TableCodeConfig, TimeCodeConfig
 
 
 def build_frame_code(config: TimeCodeConfig | TableCodeConfig, num_frames: int) -> nn.Module:

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Generator, Tensor, nn
 
-from decomotion.compositing import composite, composite_weights, fused_weights
-from decomotion.config import ModelConfig
+from decomotion.compositing import composite, composite_weights, fused_weights, static_share
 from decomotion.geometry import ImagePlane
+from decomotion.model.config import ModelConfig
 from decomotion.model.field import build_field
 from decomotion.model.frame_code import build_frame_code
 from decomotion.model.volume import Conditioning, EmptyVolume, Matter, Volume
@@ -59,8 +59,13 @@ class Rays:
 
     @property
     def static_confidence(self) -> Float[Tensor, "batch point"]:
-        """Share of the fused weight that is static: the rendered motion mask, 1 on the static scene."""
-        return self.fused_static.sum(-1) / self.opacity.clamp_min(1e-6)
+        """Share of the fused weight that is static, 1 on the static scene."""
+        return static_share(self.fused_static.sum(-1), self.fused_dynamic.sum(-1))
+
+    @property
+    def motion_mask_alone(self) -> Float[Tensor, "batch point"]:
+        """B as printed: beta rendered in the static volume alone."""
+        return (self.alone_static * self.static.confidence).sum(-1)
 
     def fused_colour(self) -> Float[Tensor, "batch point 3"]:
         """C_cb: colour of the fused volume."""
@@ -79,7 +84,7 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a batch of correspondences. Positions in pixels, colours in [0, 1]."""
+    """What the model says of a batch of correspondences. Positions in units, colours in [0, 1]."""
 
     static_xy: Float[Tensor, "pair point 2"]
     dynamic_xy: Float[Tensor, "pair point 2"]
@@ -88,7 +93,8 @@ class Prediction:
     dynamic_rgb: Float[Tensor, "pair point 3"]
     fused_rgb: Float[Tensor, "pair point 3"]
     dynamic_feature: Float[Tensor, "pair point feature"]
-    static_confidence: Float[Tensor, "pair point"]
+    motion_mask: Float[Tensor, "pair point"]
+    """B, 1 on the static scene: see `ModelConfig.motion_mask`."""
     depths: Float[Tensor, "pair point sample"]
     static_weights: Float[Tensor, "pair point sample"]
     """Of the static volume alone."""
@@ -174,6 +180,8 @@ class DecoMotion(nn.Module):
     ) -> Prediction:
         """Everything that the losses look at, for points `xy` of `frame` and where they are in `target_frame`.
 
+        Positions are in units, unlike those of `cast`: what is optimised does not depend on the clip's size.
+
         The acceleration is computed for the first `smooth_points` of each pair; None: for all.
         """
         middle = frame.clamp(1, max(1, self.num_frames - 2))
@@ -184,7 +192,7 @@ class DecoMotion(nn.Module):
         here, there, *around = (
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
         )
-        rays = self.cast(xy, here, generator=generator)
+        rays = self.cast(self.plane.from_units(xy), here, generator=generator)
         (static, of_static, fused_static), (dynamic, of_dynamic, fused_dynamic) = self.to_carry(rays, here)
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)
@@ -199,7 +207,7 @@ class DecoMotion(nn.Module):
             dynamic_rgb=composite(rays.alone_dynamic, rays.dynamic.colour),
             fused_rgb=rays.fused_colour(),
             dynamic_feature=self._render_feature(of_dynamic, dynamic),
-            static_confidence=rays.static_confidence,
+            motion_mask=rays.motion_mask_alone if self.config.motion_mask == "static" else rays.static_confidence,
             depths=rays.depths,
             static_weights=rays.alone_static,
             dynamic_weights=rays.alone_dynamic,
@@ -241,7 +249,7 @@ class DecoMotion(nn.Module):
         xy = local[..., :2]
         if self.config.normalise_weights:
             xy = xy / opacity[..., None].clamp_min(1e-3)
-        return self.plane.to_pixels(xy)
+        return self.plane.to_units(self.plane.to_pixels(xy))
 
     def _render_feature(
         self, weights: Float[Tensor, "*batch carried"], canonical: Float[Tensor, "*batch carried 3"]
@@ -279,7 +287,7 @@ class DecoMotion(nn.Module):
 
 def canonical_extent(start: Float[Tensor, "frame 3 4"], plane: ImagePlane) -> Float[Tensor, "3"]:
     """Half the size of a box about the origin that holds all frames' volumes under their starting maps."""
-    side = plane.pixels_per_unit
+    side = plane.half_side
     half = start.new_tensor([plane.width / 2 / side, plane.height / 2 / side, 1.0])
     signs = torch.cartesian_prod(*[start.new_tensor([-1.0, 1.0])] * 3)
     corners = signs * half

@@ -17,7 +17,7 @@ from decomotion.rays import lift
 
 OBJECT_SHARE = 0.1
 """The dynamic volume owns a pixel where its share of the fused weight is above this: the blurred rim of an object goes
-with the object (M45 in docs/experiments.md)."""
+with the object (M45 in docs/experiments.md). Of a ray without weight that share is 0."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def surface_of(
     the scene.
     """
     rays = model.cast(xy, conditioning, frame)
-    is_static = static_owns(rays.fused_static.sum(-1), rays.fused_dynamic.sum(-1))
+    is_static = static_owns(rays.static_confidence)
     weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
     points = lift(model.plane.normalise(xy), depth[..., None])[..., 0, :]
@@ -64,9 +64,9 @@ def surface_of(
     return Surface(torch.where(is_static[..., None], u, v), is_static)
 
 
-def static_owns(static: Float[Tensor, "*batch"], dynamic: Float[Tensor, "*batch"]) -> Bool[Tensor, "*batch"]:
-    """Whether pixels belong to the static volume, from both volumes' fused weights; it has those of no weight."""
-    return OBJECT_SHARE * static >= (1 - OBJECT_SHARE) * dynamic
+def static_owns(static_confidence: Float[Tensor, "*batch"]) -> Bool[Tensor, "*batch"]:
+    """Whether the static volume owns pixels; a reader of the file says the same (`decomo_runtime`'s `on_object`)."""
+    return static_confidence >= 1 - OBJECT_SHARE
 
 
 def carry(
@@ -118,7 +118,7 @@ def answer(
     seen = surface_of(model, inside, targets)
     swapped = Surface(seen.canonical.transpose(0, 1), seen.is_static.transpose(0, 1))
     back = carry(model, swapped, conditioning, query_frame).transpose(0, 1)
-    error = (back - query_xy).norm(dim=-1) * (128 / plane.pixels_per_unit)
+    error = (back - query_xy).norm(dim=-1) * (1 / plane.unit)
     occlusion = torch.where(gone, torch.ones_like(error), error / (error + model.config.occlusion_scale))
     occlusion = occlusion.masked_fill(at_home, 0.0)
     return Answer(there.transpose(0, 1), occlusion.transpose(0, 1))

@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from decomotion.config import VolumeConfig
 from decomotion.model.affine import AffineTransform
+from decomotion.model.config import VolumeConfig
 from decomotion.model.coupling import CouplingLayer
 from decomotion.model.field import build_field
 

@@ -5,7 +5,7 @@
     direct    from the query's frame straight to each other; hidden where the cycle error passes 1.5 px. RAFT-D
     multi     over several gaps, the best hop at each frame by consistency and occlusion, in the manner of MFT (Neoral
               et al., WACV 2024) without its learned uncertainty; as the fit links its supervision
-              (`decomotion/data/linking.py`), but without its matches by appearance
+              (`decomotion/data/links/linking.py`), but without its matches by appearance
 
 Cycle errors are forward-backward errors in pixels of a frame whose longer side is 256. Flow and linking are the
 trainer's and are imported when a baseline is made: the rest of the toolkit does without its libraries.
@@ -26,11 +26,12 @@ from decomo_eval.errors import EvalError
 from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.predictions import Prediction
 from decomo_eval.tapvid import Queries, pixels_to_raster
+from decomotion.units import unit
 
 if TYPE_CHECKING:
-    from decomotion.config import DataConfig
+    from decomotion.data.config import DataConfig
     from decomotion.data.flow import FlowEstimator
-    from decomotion.data.linking import Field
+    from decomotion.data.links.linking import Flow
 
 CHAIN_CYCLE, DIRECT_CYCLE = 1.0, 1.5
 KEPT_BYTES = 2**30
@@ -60,9 +61,9 @@ class FlowBaseline:
         try:
             from decomotion.config import load
             from decomotion.data.flow import build_flow
-            from decomotion.train import choose_device
+            from decomotion.device import choose_device
 
-            import_module("decomotion.data.linking")  # missing libraries show here, not in the middle of a video
+            import_module("decomotion.data.links.linking")  # missing libraries show here, not in the middle of a video
         except ModuleNotFoundError as error:
             raise EvalError(
                 f"--baseline needs the training extra ({error.name} is not installed); run: pip install "
@@ -94,7 +95,7 @@ class Fields:
         self._frames, self._estimate = frames, estimate
         self._kept: dict[tuple[int, int], npt.NDArray[np.float16]] = {}
 
-    def __call__(self, source: int, target: int) -> Field:
+    def __call__(self, source: int, target: int) -> Flow:
         """[h, w, 2], in pixels of the field's own raster, to the precision of float16."""
         field = self._kept.get((source, target))
         if field is None:
@@ -118,7 +119,7 @@ def linked(
     asked: npt.NDArray[np.float32], fields: Fields, intervals: tuple[int, ...], threshold: float, max_gap: int
 ) -> Tracked:
     """Tracks of queries [N, 3], (t, x, y) on the fields' raster, over hops of the given gaps; hidden past `max_gap`."""
-    from decomotion.data.linking import link
+    from decomotion.data.links.linking import link
 
     frame = asked[:, 0].astype(int)
     place = np.array([(frame[:row] == frame[row]).sum() for row in range(len(frame))], int)  # among its frame's
@@ -137,7 +138,7 @@ def linked(
 
 def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> Tracked:
     """Tracks of queries [N, 3], (t, x, y) on the fields' raster, each frame reached in one hop."""
-    from decomotion.data.linking import cycle_error
+    from decomotion.data.links.linking import cycle_error
     from decomotion.data.sampling import bilinear
 
     frame = asked[:, 0].astype(int)
@@ -149,14 +150,14 @@ def direct(asked: npt.NDArray[np.float32], fields: Fields, threshold: float) -> 
         for target in [target for target in range(fields.num_frames) if target != source]:
             forward = fields(source, target)
             there = here + bilinear(forward, here)
-            error = cycle_error(here, there, fields(target, source)) * (256 / max(forward.shape[:2]))
+            error = cycle_error(here, there, fields(target, source)) / unit(*forward.shape[:2])
             xy[mine, target], hidden[mine, target] = there[0], error[0] > threshold
     return xy, hidden
 
 
 def intervals(data: DataConfig, num_frames: int) -> tuple[int, ...]:
     """The gaps of the fit's supervision where time does not matter."""
-    from decomotion.data.intervals import choose_intervals
+    from decomotion.data.links.intervals import choose_intervals
 
     return choose_intervals(data.flow, num_frames, data.pool.max_gap, seconds_per_field=1.0, budget=math.inf)
 
@@ -173,7 +174,7 @@ METHODS: dict[str, Callable[[npt.NDArray[np.float32], Fields, DataConfig], Track
 
 def track(method: str, queries: Queries, fields: Fields, data: DataConfig) -> Prediction:
     """Answers a benchmark's queries by one of `METHODS`; what leaves the image is hidden."""
-    from decomotion.data.linking import outside
+    from decomotion.data.links.linking import outside
 
     height, width = fields(0, 1).shape[:2]
     xy, hidden = METHODS[method](queries.in_pixels(width, height), fields, data)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,81 @@ from decomo_eval.errors import DatasetError
 from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_runtime.layouts import RASTER_SIZE
 from decomotion.arrays import read_npz
-from decomotion.clip import images_in
+from decomotion.errors import ClipError
+from decomotion.frame_files import decode_frame, frame_files, frame_size, in_8_bits, read_frames
 from decomotion.images import png
 
 _KEYS = ("video", "points", "occluded")
+
+
+@dataclass(frozen=True)
+class EncodedFrames:
+    """JPEG or PNG files in a pickle. An orientation in them is not applied: the official reader does not either."""
+
+    name: str
+    """Of the video."""
+    files: Sequence[bytes]
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[bytes]:
+        return iter(self.files)
+
+    def size(self) -> tuple[int, int]:
+        """(width, height)."""
+        height, width = self._frame(0).shape[:2]
+        return width, height
+
+    def decoded(self) -> npt.NDArray[np.uint8]:
+        """RGB [T, H, W, 3]."""
+        frames = [self._frame(index) for index in range(len(self.files))]
+        for index, frame in enumerate(frames):
+            if frame.shape != frames[0].shape:
+                raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
+        return np.stack(frames)
+
+    def _frame(self, index: int) -> npt.NDArray[np.uint8]:
+        frame = decode_frame(self.files[index], upright=False)
+        if frame is None:
+            raise DatasetError(f"frame {index} of video {self.name} does not decode as JPEG or PNG")
+        return in_8_bits(frame)
+
+
+@dataclass(frozen=True)
+class FrameFolder:
+    """A folder of frames, read as `decomo-train` reads it: upright, and of 8 bits by one scale."""
+
+    files: Sequence[Path]
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __iter__(self) -> Iterator[bytes]:
+        return (file.read_bytes() for file in self.files)
+
+    def size(self) -> tuple[int, int]:
+        """(width, height)."""
+        with _of_dataset():
+            return frame_size(self.files[0])
+
+    def decoded(self) -> npt.NDArray[np.uint8]:
+        """RGB [T, H, W, 3]."""
+        with _of_dataset():
+            return np.stack(read_frames(self.files))
+
+
+@contextmanager
+def _of_dataset() -> Iterator[None]:
+    """What is wrong with a folder of frames is wrong with the dataset."""
+    try:
+        yield
+    except ClipError as error:
+        raise DatasetError(str(error)) from error
+
+
+Stored = npt.NDArray[np.uint8] | EncodedFrames | FrameFolder
+"""Frames uint8 [T, H, W, 3], or T image files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +107,8 @@ class Video:
     name: str
     """Its key in the dataset; in a dataset that is a list, its position: "0", "1", ...; in a shard that is a list,
     shard and position: "0000_of_0010-0", ..."""
-    stored: npt.NDArray[np.uint8] | Sequence[bytes]
-    """uint8 [T, H, W, 3], or T JPEG or PNG files."""
+    stored: Stored
+    """What `frames` are made from."""
     height: int
     """Of `frames`, as is `width`: the stored frames' own, unless `resized`."""
     width: int
@@ -54,7 +126,7 @@ class Video:
 
     def frames(self) -> npt.NDArray[np.uint8]:
         """The frames, RGB uint8 [T, H, W, 3]."""
-        frames = self.stored if isinstance(self.stored, np.ndarray) else self._decoded(self.stored)
+        frames = self.stored if isinstance(self.stored, np.ndarray) else self.stored.decoded()
         if not self.resized:
             return frames
         size = self.width, self.height
@@ -73,13 +145,6 @@ class Video:
         for frame in self.stored:
             content.update(frame.tobytes() if isinstance(frame, np.ndarray) else frame)
         return content.hexdigest()[:16]
-
-    def _decoded(self, stored: Sequence[bytes]) -> npt.NDArray[np.uint8]:
-        frames = [_decode(self.name, index, content) for index, content in enumerate(stored)]
-        for index, frame in enumerate(frames):
-            if frame.shape != frames[0].shape:
-                raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
-        return np.stack(frames)
 
 
 def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, Video]:
@@ -154,14 +219,14 @@ class FolderDataset(Mapping[str, Video]):
     def __getitem__(self, name: str) -> Video:
         file, folder = self._files[name], self._files[name].with_suffix("")
         truth = read_npz(file, DatasetError)
-        frames = [image.read_bytes() for image in images_in(folder)] if folder.is_dir() else []
-        if not frames or "tracks" not in truth or "occluded" not in truth:
+        if not folder.is_dir() or "tracks" not in truth or "occluded" not in truth:
             raise DatasetError(f"{file} must hold tracks and occluded, and {folder} the video's frames")
-        size = np.array(_decode(name, 0, frames[0]).shape[1::-1])
+        with _of_dataset():
+            frames = FrameFolder(frame_files(folder))
         tracks = _numbers(f"video {name} of {file}", "tracks", truth["tracks"])
         if tracks.ndim != 3 or tracks.shape[2] != 2:
             raise DatasetError(f"{file} must have tracks [N, T, 2], but they are {list(tracks.shape)}")
-        entry = {"video": frames, "points": (tracks + 0.5) / size, "occluded": truth["occluded"]}
+        entry = {"video": frames, "points": (tracks + 0.5) / frames.size(), "occluded": truth["occluded"]}
         return _read_video(file, name, entry)
 
     def __iter__(self) -> Iterator[str]:
@@ -229,8 +294,8 @@ def _read_video(path: str | Path, name: str, entry: Any) -> Video:
         raise DatasetError(f"{where} must have only true and false in occluded")
     occluded = occluded.astype(bool)
     _check_visible(where, points[~occluded])
-    stored = _check_stored(where, entry["video"], num_frames=occluded.shape[1])
-    height, width = (stored[0] if isinstance(stored, np.ndarray) else _decode(name, 0, stored[0])).shape[:2]
+    stored = _check_stored(where, name, entry["video"], num_frames=occluded.shape[1])
+    width, height = stored.shape[2:0:-1] if isinstance(stored, np.ndarray) else stored.size()
     return Video(name, stored, height, width, points, occluded)
 
 
@@ -252,25 +317,18 @@ def _check_visible(where: str, points: npt.NDArray[np.float64]) -> None:
         )
 
 
-def _check_stored(where: str, stored: Any, num_frames: int) -> npt.NDArray[np.uint8] | list[bytes]:
-    frames: npt.NDArray[np.uint8] | list[bytes]
-    if isinstance(stored, np.ndarray) and stored.dtype.kind == "S" and stored.ndim == 1:
-        frames = stored.tolist()
+def _check_stored(where: str, name: str, stored: Any, num_frames: int) -> Stored:
+    frames: Stored
+    if isinstance(stored, FrameFolder):
+        frames = stored
+    elif isinstance(stored, np.ndarray) and stored.dtype.kind == "S" and stored.ndim == 1:
+        frames = EncodedFrames(name, stored.tolist())
     elif isinstance(stored, np.ndarray) and stored.dtype == np.uint8 and stored.ndim == 4 and stored.shape[3] == 3:
         frames = np.asarray(stored)
     elif isinstance(stored, list | tuple) and all(isinstance(frame, bytes) for frame in stored):
-        frames = list(stored)
+        frames = EncodedFrames(name, stored)
     else:
         raise DatasetError(f"{where} must have as video a uint8 array [T, H, W, 3] or JPEG or PNG files as bytes")
     if not len(frames) == num_frames > 0:
         raise DatasetError(f"{where} must have as many frames as points and occluded, {num_frames}, not {len(frames)}")
     return frames
-
-
-def _decode(name: str, index: int, content: bytes) -> npt.NDArray[np.uint8]:
-    """RGB uint8 [H, W, 3]; an orientation tag is ignored, as by the official reader."""
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    frame = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
-    if frame is None:
-        raise DatasetError(f"frame {index} of video {name} does not decode as JPEG or PNG")
-    return cv2.cvtColor(frame, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)

@@ -30,6 +30,9 @@ QUERY_TOLERANCE = 0.05
 """Raster pixels by which the x and y of a query may differ: above the rounding of float32 and of text files with two
 decimals, and well under the half pixel of a wrong convention."""
 
+_SQUARE = 1.05
+"""Ratio of two sides, or of two such ratios, below which they count as equal."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -58,12 +61,23 @@ def from_model(path: Path, video: Video, queries: Queries) -> Prediction:
             f"{path} was fitted to {tracker.num_frames} frames but video {video.name} has {video.num_frames}; "
             "fit it to the dataset's own frames"
         )
+    _check_upright(path, (tracker.width, tracker.height), video)
     asked = queries.in_pixels(tracker.width, tracker.height)
     edge = np.array([tracker.width, tracker.height], dtype=np.float32) - 0.5
     asked[:, 1:] = np.clip(asked[:, 1:], -0.5, edge)  # annotators may click a little outside; the model must not be
     answer = tracker.track(asked)
     size = tracker.width, tracker.height
     return _prediction(path, answer.xy, answer.occluded, size, Convention.CENTRES, queries)
+
+
+def _check_upright(path: Path, size: Size, video: Video) -> None:
+    """Raises `PredictionError` where frames of (width, height) `size` are the video's turned by a quarter."""
+    aspect, turned = video.width / video.height, size[1] / size[0]
+    if max(aspect, 1 / aspect) > _SQUARE and max(aspect / turned, turned / aspect) < _SQUARE:
+        raise PredictionError(
+            f"{path} is of frames of {size[0]}x{size[1]} but video {video.name} has {video.width}x{video.height}: one "
+            "of the two is turned; fit it to the dataset's own frames, upright"
+        )
 
 
 def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
@@ -73,6 +87,7 @@ def from_npz(path: Path, video: Video, queries: Queries) -> Prediction:
     if "frames" in content and not np.array_equal(content["frames"], np.arange(video.num_frames)):
         raise PredictionError(f"{path} must hold all {video.num_frames} frames of video {video.name}, in order")
     sizes = _sizes(path, content, (video.width, video.height), exact=answers.exact)
+    _check_upright(path, sizes[0], video)
     readings = [(size, convention) for size in sizes for convention in answers.conventions]
     size, convention = _matching(path, answers.queries, queries, readings)
     return _prediction(path, answers.tracks, answers.occluded, size, convention, queries)

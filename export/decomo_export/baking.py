@@ -14,10 +14,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from decomo_export.frozen_rays import FrozenModel, Hit, Part
 from decomo_export.lookup import Raster
-from decomo_export.rendering import FrozenModel, Part, Surface
 from decomotion.geometry import ImagePlane
-from decomotion.rays import FAR
+from decomotion.pseudo_depth import FAR
 
 Bake = Literal["none", "depth", "full"]
 SIDE = 256
@@ -28,7 +28,7 @@ RAYS_AT_ONCE = 1 << 14
 
 
 def build_surfaces(model: FrozenModel, bake: Bake) -> Rendered | BakedSurfaces:
-    """The source of surfaces: called with pixels [2, point] and frames [point], it gives a `Surface`."""
+    """The source of surfaces: called with pixels [2, point] and frames [point], it gives a `Hit`."""
     if bake == "none":
         return Rendered(model)
     return BakedSurfaces(model, canonical=bake == "full")
@@ -41,9 +41,9 @@ class Rendered(nn.Module):
         super().__init__()
         self.model = model
 
-    def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Surface:
+    def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Hit:
         """The surface at pixels `xy` of each point's `frame`."""
-        return self.model.cast(xy, frame).surface()
+        return self.model.cast(xy, frame).hit()
 
     def canonical(
         self,
@@ -73,14 +73,14 @@ class BakedSurfaces(nn.Module):
     def __init__(self, model: FrozenModel, *, canonical: bool) -> None:
         super().__init__()
         self.model, self.holds_canonical = model, canonical
-        self.raster = Raster(model.num_frames, *raster_size(model.plane))
+        self.raster = Raster(model.num_frames, *table_size(model.plane))
         scale = torch.tensor([[self.raster.width / model.plane.width], [self.raster.height / model.plane.height]])
         self.register_buffer("scale", scale, persistent=False)
         self.register_buffer("offset", scale / 2 - 0.5, persistent=False)
         values, is_static = self._render()
         self._encode(values, is_static)
 
-    def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Surface:
+    def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Hit:
         """The surface at pixels `xy` of each point's `frame`."""
         row, within = self.raster(xy * self.scale + self.offset, frame)
         right, down = within.split(1)
@@ -94,7 +94,7 @@ class BakedSurfaces(nn.Module):
         balance = 2 * (weights * owners).sum(0)  # static weight less dynamic weight
         is_static = balance >= 0
         owner = torch.where(is_static, 1.0, -1.0)
-        return Surface((magnitude + owner * total) / (1 + owner * balance), is_static)
+        return Hit((magnitude + owner * total) / (1 + owner * balance), is_static)
 
     def canonical(
         self,
@@ -124,7 +124,7 @@ class BakedSurfaces(nn.Module):
             for frame in range(self.model.num_frames):
                 for part in xy.split(RAYS_AT_ONCE, dim=1):
                     frames = torch.full((part.shape[1],), frame)
-                    depth, is_static = self.model.cast(part, frames).surface()
+                    depth, is_static = self.model.cast(part, frames).hit()
                     values.append(self._to_canonical(part, depth, is_static, frames) if self.holds_canonical else depth)
                     owners.append(is_static)
         return torch.cat(values, dim=1), torch.cat(owners)
@@ -164,7 +164,7 @@ class BakedSurfaces(nn.Module):
         self.register_buffer("step", step, persistent=False)
 
 
-def raster_size(plane: ImagePlane) -> tuple[int, int]:
+def table_size(plane: ImagePlane) -> tuple[int, int]:
     """Height and width of a table's raster: the clip's, made smaller where its longer side is above `SIDE`."""
     factor = min(1.0, SIDE / max(plane.height, plane.width))
     return max(2, round(plane.height * factor)), max(2, round(plane.width * factor))

@@ -23,7 +23,7 @@ from decomotion.model.field import GridField
 from decomotion.model.volume import Conditioning, Volume
 
 
-class Matter(NamedTuple):
+class MatterColumns(NamedTuple):
     """What a volume holds at canonical positions, as `decomotion.model.volume.Matter`; colours are columns."""
 
     density: Float[Tensor, "*batch"]
@@ -64,7 +64,7 @@ class FrozenVolume(nn.Module):
 
         Column by column: what x, y and depth are multiplied by, then what is added.
         """
-        scale = plane.pixels_per_unit
+        scale = plane.half_side
         normalise = torch.diag(maps.new_tensor([1 / scale, 1 / scale, 1.0, 1.0]))
         normalise[:3, 3] = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
         bottom = maps.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(maps), 1, 4)
@@ -102,12 +102,12 @@ class FrozenVolume(nn.Module):
         by_x, by_y, by_depth, added = self.from_first.index_select(0, frame).T.chunk(4)
         return by_x * x + by_y * y + by_depth * depth + added
 
-    def matter(self, canonical: Float[Tensor, "3 point"]) -> Matter:
+    def matter(self, canonical: Float[Tensor, "3 point"]) -> MatterColumns:
         """What is found at canonical positions."""
         head = self.volume.head
         raw = torch.addmm(head.bias[:, None], head.weight, self.field(canonical))
         density = raw[3] + self.volume.surface_prior(canonical[2])
-        return Matter(F.softplus(density), torch.sigmoid(raw[:3]), torch.sigmoid(raw[4]))
+        return MatterColumns(F.softplus(density), torch.sigmoid(raw[:3]), torch.sigmoid(raw[4]))
 
 
 def _freeze_coupling(layer: CouplingLayer, rows: Tensor) -> FrozenGrid | FrozenNetwork:

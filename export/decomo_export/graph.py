@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from decomo_export.baking import Bake, build_surfaces
-from decomo_export.rendering import FrozenModel, Surface
+from decomo_export.frozen_rays import FrozenModel, Hit
 from decomotion.model.fusion import DecoMotion
 
 ARRAYS_IN_USE = 4
@@ -57,8 +57,8 @@ class QueryGraph(nn.Module):
         """tracks, occlusion, rgb, rgb_static, rgb_dynamic, static_confidence, depth, static_opacity."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
         rays = self.model.cast(xy, frame)
-        surface = rays.surface() if self.bake == "none" else self.surfaces(xy, frame)
-        tracks, occlusion = self._track(xy, frame, surface, frames)
+        hit = rays.hit() if self.bake == "none" else self.surfaces(xy, frame)
+        tracks, occlusion = self._track(xy, frame, hit, frames)
         rgb, rgb_static, rgb_dynamic = (colour.T for colour in rays.colours())
         seen = rays.static_confidence(), rays.depth(), rays.opacities()[0]
         return tracks, occlusion, rgb, rgb_static, rgb_dynamic, *seen
@@ -68,17 +68,17 @@ class QueryGraph(nn.Module):
     ) -> tuple[Float[Tensor, "query frame 2"], Float[Tensor, "query frame"]]:
         """tracks and occlusion alone: what the file computes where frames are asked for (`lazy.py`)."""
         xy, frame = queries[:, 1:].T, queries[:, 0].to(torch.int64)
-        surface = self.model.cast(xy, frame).surface() if self.bake == "none" else self.surfaces(xy, frame)
-        return self._track(xy, frame, surface, frames)
+        hit = self.model.cast(xy, frame).hit() if self.bake == "none" else self.surfaces(xy, frame)
+        return self._track(xy, frame, hit, frames)
 
     def _track(
         self,
         xy: Float[Tensor, "2 query"],
         frame: Int[Tensor, " query"],
-        surface: Surface,
+        hit: Hit,
         frames: Int[Tensor, " target"],
     ) -> tuple[Float[Tensor, "query target 2"], Float[Tensor, "query target"]]:
-        there = self._carry(xy, frame, surface, frames)
+        there = self._carry(xy, frame, hit, frames)
         at_home = frame[:, None] == frames
         there = torch.where(at_home, xy[:, :, None], there)
         occlusion = self._occlusion(xy, frame, there.flatten(1), frames, at_home.flatten())
@@ -93,13 +93,13 @@ class QueryGraph(nn.Module):
         self,
         xy: Float[Tensor, "2 query"],
         frame: Int[Tensor, " query"],
-        surface: Surface,
+        hit: Hit,
         frames: Int[Tensor, " target"],
     ) -> Float[Tensor, "2 query target"]:
         """Pixels of `frames` at which the queries' surface points are."""
         found, places = [], []
-        for part in self.model.parts(surface.is_static):
-            values, place = part.of(torch.cat([surface.values, xy])).split([len(surface.values), 2])
+        for part in self.model.parts(hit.is_static):
+            values, place = part.of(torch.cat([hit.values, xy])).split([len(hit.values), 2])
             canonical = self.surfaces.canonical(part, values, place, frame.index_select(0, part.asked))
             shape = (canonical.shape[1], frames.shape[0])
             each = canonical[:, :, None].expand(3, *shape).flatten(1)
@@ -125,15 +125,15 @@ class QueryGraph(nn.Module):
         gone = ((there < -0.5) | (there > last + 0.5)).any(0)
         start = xy[:, :, None].expand(2, *shape).flatten(1)
         source, target = frame[:, None].expand(shape).flatten(), frames.expand(shape).flatten()
-        surface = self.surfaces(inside, target)
-        columns = torch.cat([surface.values, inside, start, torch.stack([target, source]).to(there.dtype)])
+        hit = self.surfaces(inside, target)
+        columns = torch.cat([hit.values, inside, start, torch.stack([target, source]).to(there.dtype)])
         scores, places = [], []
-        for part in self.model.parts(surface.is_static, ~(gone | at_home)):
-            values, seen, begun, clock = part.of(columns).split([len(surface.values), 2, 2, 2])
+        for part in self.model.parts(hit.is_static, ~(gone | at_home)):
+            values, seen, begun, clock = part.of(columns).split([len(hit.values), 2, 2, 2])
             seen_in, begun_in = clock.to(torch.int64)
             canonical = self.surfaces.canonical(part, values, seen, seen_in)
             offset = part.volume.to_pixels(canonical, begun_in) - begun
-            error = (offset * offset).sum(0).sqrt() * (128 / plane.pixels_per_unit)
+            error = (offset * offset).sum(0).sqrt() * (1 / plane.unit)
             scores.append((error / (error + self.model.config.occlusion_scale))[:-1])
             places.append(part.place)
         elsewhere = (~at_home).to(there.dtype)

@@ -16,8 +16,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from decomo_runtime import contract
 
-TRACKING = (contract.TRACKS, contract.OCCLUSION)
-APPEARANCE = tuple(name for name in contract.OUTPUTS if name not in TRACKING)
 LAST = {f"{contract.TRACKS}_padded": "lazy_two"} | {
     f"{name}_padded": "lazy_three" for name in (contract.RGB, contract.RGB_STATIC, contract.RGB_DYNAMIC)
 }
@@ -40,8 +38,8 @@ def compute_on_demand(proto: onnx.ModelProto) -> None:
         for names in (node.input, node.output):
             names[:] = [renamed.get(name, name) for name in names]
 
-    for_tracks = _needed_by(body, [renamed[name] for name in TRACKING])
-    for_appearance = _needed_by(body, [renamed[name] for name in APPEARANCE])
+    for_tracks = _needed_by(body, [renamed[name] for name in contract.TRACKING])
+    for_appearance = _needed_by(body, [renamed[name] for name in contract.APPEARANCE])
     shared = [node for index, node in enumerate(body) if index in for_tracks & for_appearance]
     tracks = [node for index, node in enumerate(body) if index in for_tracks - for_appearance]
     appearance = [node for index, node in enumerate(body) if index in for_appearance - for_tracks]
@@ -56,11 +54,12 @@ def compute_on_demand(proto: onnx.ModelProto) -> None:
         helper.make_node("Not", ["any_frame"], ["no_frame"]),
     ]
     branches = [
-        _branch("any_frame", tracks, [renamed[name] for name in TRACKING], ["frame_count"]),
-        _branch("no_frame", appearance, [renamed[name] for name in APPEARANCE], []),
+        _branch("any_frame", tracks, [renamed[name] for name in contract.TRACKING], ["frame_count"]),
+        _branch("no_frame", appearance, [renamed[name] for name in contract.APPEARANCE], []),
     ]
     after = [
-        helper.make_node("Slice", [renamed[name], "lazy_zero", "query_count"], [name]) for name in contract.OUTPUTS
+        helper.make_node("Slice", [f"{renamed[name]}_or_none", "lazy_zero", "query_count"], [name])
+        for name in contract.OUTPUTS
     ]
     del graph.node[:]
     graph.node.extend([*before, *shared, *branches, *after])
@@ -81,7 +80,10 @@ def _needed_by(body: Sequence[onnx.NodeProto], names: Iterable[str]) -> set[int]
 def _branch(
     condition: str, nodes: Sequence[onnx.NodeProto], outputs: Sequence[str], axes: Sequence[str]
 ) -> onnx.NodeProto:
-    """`nodes` where `condition` holds; else NaN, [query, *axes], and the axis of `LAST` where there is one."""
+    """`nodes` where `condition` holds; else NaN, [query, *axes], and the axis of `LAST` where there is one.
+
+    The answers are `<name>_or_none`: an output may be among what both branches need, and then has its name outside.
+    """
     nothing = numpy_helper.from_array(np.full(1, np.nan, np.float32))
     otherwise = []
     for name in outputs:
@@ -94,7 +96,7 @@ def _branch(
     return helper.make_node(
         "If",
         [condition],
-        list(outputs),
+        [f"{name}_or_none" for name in outputs],
         then_branch=_graph("then", [*nodes, *computed], [f"{name}_computed" for name in outputs]),
         else_branch=_graph("otherwise", otherwise, [f"{name}_none" for name in outputs]),
     )

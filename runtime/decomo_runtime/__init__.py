@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TracksFileError,
         ViewError,
     )
+    from decomo_runtime.layers import render
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
     from decomo_runtime.tracker import Appearance, Dense, Tracker
@@ -44,6 +45,7 @@ __all__ = [
     "TracksFileError",
     "ViewError",
     "remove_objects",
+    "render",
 ]
 
 _HOMES = {
@@ -53,6 +55,7 @@ _HOMES = {
     "Tracker": "tracker",
     "Tracks": "tracks",
     "remove_objects": "removal",
+    "render": "layers",
 }
 
 

@@ -81,8 +81,7 @@ def track(
     tracker = Tracker(model)
     queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
     if on is not None:
-        is_static = tracker.sample(queries).static_confidence >= 1 - tracker.facts.object_share
-        queries = queries[is_static == (on == STATIC)]
+        queries = queries[tracker.on_object(queries) == (on == DYNAMIC)]
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     clip = None
     if clip_path is not None:

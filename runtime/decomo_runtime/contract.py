@@ -11,14 +11,17 @@ Outputs
     rgb                 float32 [N, 3]     colour of the query's own ray in [0, 1], both volumes fused
     rgb_static          float32 [N, 3]     the static volume alone, as if it were opaque
     rgb_dynamic         float32 [N, 3]     the dynamic volume alone, likewise
-    static_confidence   float32 [N]        rendered confidence that the point belongs to the static scene, in [0, 1]
-    depth               float32 [N]        pseudo-depth of the ray, 0 (near) to 2 (far)
+    static_confidence   float32 [N]        share of the ray that is static, in [0, 1]; 1 of a ray that meets nothing
+    depth               float32 [N]        pseudo-depth of the ray, 0 (near) to `FARTHEST`
     static_opacity      float32 [N]        how opaque the static volume alone is, in [0, 1]; 0: it has a hole there
 The first two answer where M > 0; the others where M = 0, and are NaN, not computed, where M > 0. Files of an earlier
-version may lack the last, and have black in `rgb_static` where the static volume has a hole.
+version may lack the last, have black in `rgb_static` where the static volume has a hole, and a `static_confidence` of 0
+where a ray meets nothing.
 """
 
 from __future__ import annotations
+
+from decomotion.pseudo_depth import FAR
 
 FORMAT_VERSION = 1
 """Raised whenever a runtime of the former version would misread the file."""
@@ -32,7 +35,11 @@ INPUTS = (QUERIES, FRAMES)
 TRACKS, OCCLUSION = "tracks", "occlusion"
 RGB, RGB_STATIC, RGB_DYNAMIC = "rgb", "rgb_static", "rgb_dynamic"
 STATIC_CONFIDENCE, DEPTH, STATIC_OPACITY = "static_confidence", "depth", "static_opacity"
-OUTPUTS = (TRACKS, OCCLUSION, RGB, RGB_STATIC, RGB_DYNAMIC, STATIC_CONFIDENCE, DEPTH, STATIC_OPACITY)
+TRACKING = (TRACKS, OCCLUSION)
+"""What is answered where M > 0."""
+APPEARANCE = (RGB, RGB_STATIC, RGB_DYNAMIC, STATIC_CONFIDENCE, DEPTH, STATIC_OPACITY)
+"""What is answered where M = 0."""
+OUTPUTS = (*TRACKING, *APPEARANCE)
 REQUIRED_OUTPUTS = OUTPUTS[:-1]
 """Those that files of every version have."""
 
@@ -49,7 +56,7 @@ META_PIXEL_ASPECT = "decomotion.pixel_aspect"
 META_PRESET = "decomotion.preset"
 META_OCCLUSION_THRESHOLD = "decomotion.occlusion_threshold"
 META_OBJECT_SHARE = "decomotion.object_share"
-"""A point is followed as one of an object where 1 - `static_confidence` is above this."""
+"""An object owns a point whose `static_confidence` is below 1 less this: it is followed as one of the object."""
 META_WRITER_VERSION = "decomotion.version"
 META_BYTES_PER_RAY = "decomotion.bytes_per_ray"
 """Working memory that one query takes in one frame."""
@@ -59,3 +66,10 @@ META_BAKE = "decomotion.bake"
 META_PRECISION = "decomotion.precision"
 META_DEVIATION = "decomotion.deviation"
 """`mean p99`, in pixels: how far tracks are from those of the same graph in float32."""
+
+LAYERS = ("fused", "static", "dynamic", "mask", "depth")
+"""What can be rendered of a frame (`layers.py`; the page too)."""
+FARTHEST = FAR
+"""Pseudo-depth at the far end of every ray."""
+HOLE = 0.1
+"""Static opacity below which the static volume has a hole: its layer becomes transparent there."""

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.rendering import HOLE, look, raster_size
+from decomo_runtime.contract import HOLE
+from decomo_runtime.layers import look, raster_size
 from decomotion.images import filled
 
 if TYPE_CHECKING:
@@ -29,6 +30,10 @@ RENDERED_SIDE, COMPARED_SIDE = 128, 256
 """Most pixels of the longer side of the rasters on which the model is rendered, and on which frames are compared."""
 WINDOW, STRIDE = 15, 3
 """A frame is compared with those up to this many frames away, every so many: the next ones show an object again."""
+COVERED = 0.5
+"""An object covers a pixel of which it has at least so much, on any raster. A matter of pictures, unlike what it owns
+(`Tracker.on_object`): what hangs on a mask is found by comparing frames, and a blurred rim by `GROWN`.
+"""
 LEAST_VIEWS = 3
 """Frames that must show the scene in a place for a difference to count."""
 DIFFERENT, SPREADS = 14.0, 2.0
@@ -68,7 +73,7 @@ class Objects:
         if frame not in self._wholes:
             self._wholes[frame] = self._whole(frame)
         height, width = self._tracker.height, self._tracker.width
-        distance = _distance(_enlarged(self._wholes[frame].astype(np.float32), (height, width)) >= 0.5)
+        distance = _distance(_enlarged(self._wholes[frame].astype(np.float32), (height, width)) >= COVERED)
         return np.clip((GROWN + FEATHER - distance * (256 / max(height, width))) / FEATHER, 0, 1).astype(np.float32)
 
     def scene(self, frame: int) -> Floats:
@@ -88,7 +93,7 @@ class Objects:
 
     def _core(self, frame: int) -> Mask:
         """The rendered mask, on the raster of comparison."""
-        return _enlarged(self._look(frame)[..., 0].astype(np.float32), self._compared) >= 0.5
+        return _enlarged(self._look(frame)[..., 0].astype(np.float32), self._compared) >= COVERED
 
     def _whole(self, frame: int) -> Mask:
         """The mask and what hangs on it."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from decomo_runtime.contract import LAYERS
 from decomo_runtime.options import CAMERA, check_drawing, drawing_options
 from decomotion.console import run
 
@@ -28,8 +29,8 @@ ALL = "all"
 @click.argument("model", type=_PATH)
 @click.option(
     "--layer",
-    type=click.Choice(["fused", "static", "dynamic", "mask", "depth", ALL]),
-    help="What to render.  [default: fused]",
+    type=click.Choice([*LAYERS, ALL]),
+    help=f"What to render.  [default: {LAYERS[0]}]",
 )
 @click.option("--remove-objects", is_flag=True, help="Instead: the clip, behind its objects what other frames show.")
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
@@ -74,10 +75,10 @@ def render(
     from tqdm import tqdm
 
     from decomo_runtime.errors import RenderError
+    from decomo_runtime.layers import raster_size
+    from decomo_runtime.layers import render as render_layers
     from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
-    from decomo_runtime.rendering import LAYERS, raster_size
-    from decomo_runtime.rendering import render as render_layers
     from decomo_runtime.tracker import Tracker
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
@@ -130,9 +131,9 @@ def _drawing(
 ) -> Draw:
     """Draws the tracks of the file at `path` on a picture of a frame; the file must have all `frames`."""
     from decomo_runtime.errors import OverlayError
+    from decomo_runtime.layers import raster_size
     from decomo_runtime.overlay import Painter
     from decomo_runtime.pictures import flattened
-    from decomo_runtime.rendering import raster_size
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracks import Tracks
 

@@ -28,8 +28,6 @@ KEY_FRAMES, KEY_FRAME_GAP = 4, 12
 """Frames in which points of the scene are picked: at least so many, and at least one in so many frames."""
 POINTS_ALONG = 24
 """Points along the longer side of a key frame."""
-SURELY_STATIC = 0.9
-"""Static confidence above which a point is taken for the scene; an object owns what it has a tenth of."""
 
 _LEAST_POINTS = 12
 """Fewer common points do not tell the motion between two frames."""
@@ -121,7 +119,7 @@ def follow_scene(tracker: Tracker) -> SceneMotion:
     key_frames = np.linspace(0, model.num_frames - 1, count).round().astype(int)
     step = max(1.0, max(model.height, model.width) / POINTS_ALONG)
     points = np.concatenate([grid_queries(step, frame, model.height, model.width) for frame in key_frames])
-    points = points[tracker.sample(points).static_confidence > SURELY_STATIC]
+    points = points[~tracker.on_object(points)]
     if len(points) < _LEAST_POINTS:
         raise RenderError(
             f"{tracker.path} holds nothing in {model.clip_name} to be static, so that the scene's motion is unknown; "

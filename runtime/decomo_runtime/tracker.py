@@ -44,7 +44,7 @@ class Appearance:
     rgb_static: npt.NDArray[np.float32]
     rgb_dynamic: npt.NDArray[np.float32]
     static_confidence: npt.NDArray[np.float32]
-    """[N], 1 where the point belongs to the static scene, 0 where it moves by itself."""
+    """[N], static share of the ray: 0 on what moves by itself, 1 on the scene and of a ray that meets nothing."""
     depth: npt.NDArray[np.float32]
     """[N], pseudo-depth from 0 (near) to 2 (far)."""
     static_opacity: npt.NDArray[np.float32]
@@ -131,11 +131,12 @@ class Tracker:
         frames = check_frames(frames, self.num_frames)
         xy = np.empty((len(queries), len(frames), 2), np.float32)
         occlusion = np.empty((len(queries), len(frames)), np.float32)
-        outputs = (contract.TRACKS, contract.OCCLUSION)
         for columns in frame_chunks(len(frames), self.facts.bytes_per_ray, max_memory):
             width = columns.stop - columns.start
             for rows in query_chunks(len(queries), chunk, width, self.facts.bytes_per_ray, max_memory):
-                xy[rows, columns], occlusion[rows, columns] = self._ask(outputs, queries[rows], frames[columns])
+                xy[rows, columns], occlusion[rows, columns] = self._ask(
+                    contract.TRACKING, queries[rows], frames[columns]
+                )
         size = self.height, self.width
         occluded = occlusion > self.occlusion_threshold
         return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])
@@ -176,27 +177,21 @@ class Tracker:
         queries = check_queries(queries, self.facts)
         colours = np.empty((3, len(queries), 3), np.float32)
         scalars = np.ones((3, len(queries)), np.float32)
-        outputs = (
-            contract.RGB,
-            contract.RGB_STATIC,
-            contract.RGB_DYNAMIC,
-            contract.STATIC_CONFIDENCE,
-            contract.DEPTH,
-            *((contract.STATIC_OPACITY,) if self._tells_opacity else ()),
-        )
+        outputs = contract.APPEARANCE if self._tells_opacity else contract.APPEARANCE[:-1]
         for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_rendered_ray, max_memory):
             answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
             colours[:, rows], scalars[: len(answer) - 3, rows] = answer[:3], answer[3:]
         return Appearance(*colours, *scalars)
 
-    def render(self, frame: int, layer: str = "fused", *, long_side: int | None = None) -> npt.NDArray[np.uint8]:
-        """A picture of `frame` as the model has it, uint8 [H, W, 3] RGB; of the clip's size, or with that longer side.
+    def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Which of `queries` [N, 3] a moving object owns, bool [N]: `track` follows these with it, the others as points
+        of the static scene.
 
-        `layer` is one of `fused`, `static`, `dynamic` (both [H, W, 4], RGBA), `mask` and `depth`: see `rendering.py`.
+        An object owns a point where it has more than the file's share of the ray (`ModelFacts.object_share`); of a ray
+        that meets nothing it has none. In files with a table (`bake`) `track` goes by the ray of the nearest place in
+        the table. `QueryError` where a query is malformed.
         """
-        from decomo_runtime.rendering import render  # here, as tracking does without OpenCV
-
-        return render(self, frame, [layer], long_side=long_side)[0]
+        return self.sample(queries).static_confidence < 1 - self.facts.object_share
 
     def _ask(
         self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]

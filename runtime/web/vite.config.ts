@@ -42,6 +42,7 @@ const LIBRARIES = {
     source: "https://github.com/microsoft/onnxruntime; notices of what it is built from: ThirdPartyNotices.txt there",
   },
   fflate: { text: join(here, "node_modules", "fflate", "LICENSE"), source: "https://github.com/101arrowz/fflate" },
+  papaparse: { text: join(here, "node_modules", "papaparse", "LICENSE"), source: "https://github.com/mholt/PapaParse" },
   mediabunny: { text: join(here, "node_modules", "mediabunny", "LICENSE"), source: "https://github.com/Vanilagy/mediabunny" },
 };
 

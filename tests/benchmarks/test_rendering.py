@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker
-from decomo_runtime.rendering import render
+from decomo_runtime import Tracker, render
 from decomotion.console import run
 from harness.pictures import intersection_over_union, psnr
 from rendering import main

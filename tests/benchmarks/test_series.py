@@ -19,8 +19,8 @@ from decomo_eval.predictions import Prediction
 from decomotion import config as configuration
 from decomotion.console import run
 from decomotion.data.flow import build_flow
-from decomotion.data.intervals import pairs_of
-from decomotion.data.masks import read_masks
+from decomotion.data.links.intervals import pairs_of
+from decomotion.data.masks.folder import read_masks
 from harness import clips, records
 from harness.series import Row, read_series
 from tiny_fit import TINY_CPU, sliding_square, write_truth

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from decomotion.config import OptimConfig, load
+from decomotion.config import load
 from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
+from decomotion.schedule import OptimConfig
 
 FRAMES, POINTS = 6, 40
 
@@ -28,6 +29,7 @@ def make_pool(**changes: Any) -> Pool:
         "moving": (point % 2).astype(np.uint8),
         "camera": np.zeros((FRAMES, 2, 3), np.float32),
         "object": np.zeros((FRAMES, 2, 3), np.float32),
+        "longer_side": 256,
     }
     return Pool(**(arrays | changes))
 
@@ -68,7 +70,7 @@ def test_at_the_clip_s_ends_a_pair_keeps_its_gap_and_turns_round():
 
 
 def test_a_clip_of_two_frames():
-    two = {name: value[:2] for name, value in vars(make_pool()).items()}
+    two = {name: value[:2] if isinstance(value, np.ndarray) else value for name, value in vars(make_pool()).items()}
     two |= {name: two[name][:, :2] for name in ("targets", "confidence")}
     batch = draw(Sampler(Pool(**two), config()), 1)
     assert (batch.frame + batch.target_frame == 1).all()

@@ -13,7 +13,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from decomotion import checkpoint
 from decomotion.cli import command, main
 from decomotion.clip import Clip
-from decomotion.losses import LOSSES
+from decomotion.losses import LOSSES, Loss
 from decomotion.options import Duration
 from full_disk import writes_end_at
 from interruption import ctrl_c, interruption
@@ -141,7 +141,7 @@ def test_ctrl_c_says_how_to_go_on(frames: Path, caplog: pytest.LogCaptureFixture
 def test_a_failed_optimisation_is_1_and_named(
     frames: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setitem(LOSSES, "distortion", lambda p, b: p.depths.sum() * float("nan"))
+    monkeypatch.setitem(LOSSES, "distortion", Loss(lambda p, b: p.depths.sum() * float("nan")))
     assert main([str(frames), "--steps", "5", *SET_TINY]) == 1
     assert "Error: loss distortion is not a number at step 0; the batch is in" in capsys.readouterr().err
 

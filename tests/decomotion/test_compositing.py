@@ -11,7 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from decomotion.compositing import THICK, THIN, composite, composite_weights, fused_weights, thickened, transmittance
+from decomotion.compositing import (
+    THICK,
+    THIN,
+    composite,
+    composite_weights,
+    fused_weights,
+    static_share,
+    thickened,
+    transmittance,
+)
 
 BATCHES = [(), (4,), (2, 3)]
 densities = st.floats(0, 100, width=32)
@@ -119,3 +128,19 @@ def test_a_thin_ray_has_the_colour_of_what_little_there_is():
     torch.testing.assert_close(thickened(colour * opacity, opacity), expected)
     between = thickened(torch.full((9,), 0.1), torch.linspace(THIN, THICK, 9))
     assert (between.diff() < 0).all()  # from divided to not divided
+
+
+def test_the_curve_of_thin_rays_by_hand():
+    """s rises in a straight line from 0 at 0.25 to 1 at 0.75; the colour is divided by o + (1 - o) s."""
+    opacity = torch.tensor([0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875])
+    divisor = torch.tensor([0.001, 0.125, 0.25, 0.53125, 0.75, 0.90625, 1.0, 1.0])
+    torch.testing.assert_close(thickened(torch.full((8,), 0.1), opacity), 0.1 / divisor)
+
+
+def test_static_confidence_is_the_static_share_and_1_of_nothing():
+    static, dynamic = torch.tensor([[0.6, 0.0, 0.3, 0.0, 1e-9], [0.2, 0.5, 0.0, 0.0, 1e-9]])
+    torch.testing.assert_close(static_share(static, dynamic), torch.tensor([0.75, 0.0, 1.0, 1.0, 1.0]))
+    weights = torch.zeros(2, 3, requires_grad=True)
+    static_share(weights, weights).sum().backward()
+    assert weights.grad is not None
+    assert torch.isfinite(weights.grad).all()

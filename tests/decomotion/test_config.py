@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 
-from decomotion.config import PRESETS, GridFieldConfig, MlpConditionerConfig, Schedule, load, parse
+import decomotion
+from decomotion.config import load, parse
 from decomotion.errors import ConfigError
+from decomotion.model.config import GridFieldConfig, MlpConditionerConfig
+from decomotion.prepare_cli import command as prepare
+from decomotion.presets import AUTO, AUTO_PRESET, PRESETS
+from decomotion.schedule import Schedule
 
 every_preset = pytest.mark.parametrize("preset", PRESETS)
 
@@ -181,3 +187,11 @@ def test_an_unknown_preset_is_named():
 def test_it_is_frozen():
     with pytest.raises(ValueError, match="frozen"):
         load("cpu").optim.steps = 3  # type: ignore[misc]
+
+
+def test_each_preset_is_a_file_and_can_be_chosen():
+    (option,) = [parameter for parameter in prepare.params if parameter.name == "preset"]
+    files = {file.stem for file in (Path(decomotion.__file__).parent / "configs").glob("*.yaml")}
+    assert isinstance(option.type, click.Choice)
+    assert {*option.type.choices} == {AUTO, *PRESETS} == {AUTO, *files}
+    assert AUTO_PRESET in PRESETS

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from decomotion.config import GridConditionerConfig, MlpConditionerConfig
+from decomotion.model.config import GridConditionerConfig, MlpConditionerConfig
 from decomotion.model.coupling import (
     LOG_SCALE_LIMIT,
     CouplingLayer,

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from decomotion.clip import Clip
-from decomotion.config import DataConfig, load
+from decomotion.config import load
+from decomotion.data.config import DataConfig
 from decomotion.data.features import FeatureExtractor, build_features
 from decomotion.data.features.aliked import AlikedFeatures
 from decomotion.data.features.densesift import DenseSift

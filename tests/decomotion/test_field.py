@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import GaborFieldConfig, GridFieldConfig
+from decomotion.model.config import GaborFieldConfig, GridFieldConfig
 from decomotion.model.field import GaborField, GaborFilter, GridField, build_field, contract
 from tiny_fit import randomised
 

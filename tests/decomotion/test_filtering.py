@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decomotion.config import FilterConfig, load
-from decomotion.data.filtering import (
+from decomotion.config import load
+from decomotion.data.links.config import FilterConfig
+from decomotion.data.links.filtering import (
     Grid,
     appearance_consistent,
     confirmed_by_second_look,
@@ -121,3 +122,38 @@ def test_a_second_look_keeps_what_is_covered_and_consistent(scene: Scene):
     result = scene.filtered(rules(cycle=3.0, second_look=0.2))
     assert (result[scene.covered] == 51).mean() > 0.8
     assert (result[~scene.covered] == 200).mean() > 0.9
+
+
+@pytest.mark.parametrize(("height", "width", "times"), [(576, 1024, 4), (144, 81, 0.5625), (256, 144, 1)])
+@pytest.mark.parametrize(
+    "config",
+    [
+        rules(cycle=3.0),
+        rules(second_look=0.2),
+        rules(cycle=1.5, second_look=0.2),
+        rules(cycle=3.0, second_look=0.4, appearance=0.5, appearance_gap=1),
+    ],
+    ids=["cycle", "second look", "both", "all"],
+)
+def test_the_same_links_at_another_size(config: FilterConfig, height: int, width: int, times: float):
+    """Lengths are in units: links of a frame of 256 pixels keep their confidence at any other size, lying too."""
+    random = np.random.default_rng(1)
+    frame = (256, 144) if height > width else (144, 256)
+    points = jittered_grid(2, *frame, 900, random)
+    shape = grid_shape(*frame, 900)
+    there = (
+        points[:, None]
+        + random.normal(0, 2, (2, 2, *points.shape[1:]))
+        + [[[[0, 0]], [[20, 5]]], [[[-20, -5]], [[0, 0]]]]
+    )
+    feature = random.normal(0, 1, (*points.shape[:2], 3))
+    feature = (feature / np.linalg.norm(feature, axis=-1, keepdims=True)).astype(np.float16)
+    confidence = np.where(random.random((2, 2, points.shape[1])) < 0.5, 200, 0).astype(np.uint8)
+
+    def result(height: int, width: int, times: float) -> np.ndarray:
+        placed, led = (((xy + 0.5) * times - 0.5).astype(np.float32) for xy in (points, there))
+        return filtered((0, 1), placed, led, confidence, feature, Grid(*shape, height, width), config)
+
+    expected, found = result(*frame, 1.0), result(height, width, times)
+    assert len(np.unique(expected)) > 1
+    assert (found == expected).mean() > 0.995  # but for what float32 puts into another cell

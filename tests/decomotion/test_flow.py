@@ -12,8 +12,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import DisFlowConfig, FlowConfig, RaftFlowConfig, load
+from decomotion.config import load
 from decomotion.data.flow import build_flow
+from decomotion.data.flow.config import DisFlowConfig, FlowConfig, RaftFlowConfig
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.flow.folder import FolderFlow
 from decomotion.data.flow.interface import enlarged, to_raster
@@ -108,6 +109,15 @@ class TestDis:
         shrink = np.array([field.shape[1] / width, field.shape[0] / height])
         assert max(field.shape) == 48
         np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT * shrink, atol=0.02)
+
+    @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 30), (3, 2), (8, 1600)])
+    def test_frames_may_be_thin(self, height: int, width: int):
+        frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+        estimate = DisFlow(dis())
+        field = estimate(frame, frame)
+        again = estimate(frame, frame, start=field)
+        assert field.shape == again.shape
+        assert np.abs(field).max() < 1  # and finite
 
     def test_frames_that_shrink_do_not_alias(self):
         """Fine texture at 96 of 320 pixels; every third or fourth pixel alone gives errors above half a pixel."""

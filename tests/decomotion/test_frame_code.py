@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from decomotion.config import TableCodeConfig, TimeCodeConfig
+from decomotion.model.config import TableCodeConfig, TimeCodeConfig
 from decomotion.model.frame_code import build_frame_code
 
 TIME = TimeCodeConfig(kind="time", size=6, hidden=16, frequencies=3)

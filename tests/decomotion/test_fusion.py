@@ -28,6 +28,11 @@ def random_pixels(pairs: int, points: int) -> Tensor:
     return torch.rand(pairs, points, 2, generator=generator()) * torch.tensor([31.0, 23.0])
 
 
+def random_units(pairs: int, points: int) -> Tensor:
+    """The same places on the raster whose longer side is 256: 8 units to a pixel."""
+    return 8 * (random_pixels(pairs, points) + 0.5) - 0.5
+
+
 def with_confidence(model: DecoMotion, logit: float) -> DecoMotion:
     """The model with one static confidence everywhere."""
     with torch.no_grad():
@@ -49,7 +54,7 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
     """Shapes are checked by their annotations."""
     model = randomised(tiny_model(preset, frames=frames, feature_size=features), 0.05)
     frame, target = torch.tensor([0, frames - 1, 0]), torch.tensor([frames - 1, 0, 1])
-    prediction = model.predict(random_pixels(3, 7), frame, target, generator(), smooth_points=2)
+    prediction = model.predict(random_units(3, 7), frame, target, generator(), smooth_points=2)
     assert prediction.fused_xy.shape == (3, 7, 2)
     assert prediction.dynamic_feature.shape == (3, 7, features)
     carried = 1 if model.config.deferred else model.config.samples
@@ -62,41 +67,42 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
 @both_presets
 def test_full_static_confidence_leaves_the_static_volume(preset: str):
     model = with_confidence(randomised(tiny_model(preset), 0.05), math.inf)
-    prediction = model.predict(random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
+    prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.static_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.static_rgb)
-    torch.testing.assert_close(prediction.static_confidence, torch.ones(2, 6))
+    expected = torch.ones(2, 6) if preset == "cpu" else prediction.static_weights.sum(-1)  # of the volume alone
+    torch.testing.assert_close(prediction.motion_mask, expected)
 
 
 @both_presets
 def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
     model = with_confidence(randomised(tiny_model(preset), 0.05), -math.inf)
-    prediction = model.predict(random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
+    prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
     torch.testing.assert_close(prediction.fused_xy, prediction.dynamic_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.dynamic_rgb)
-    torch.testing.assert_close(prediction.static_confidence, torch.zeros(2, 6))
+    torch.testing.assert_close(prediction.motion_mask, torch.zeros(2, 6))
 
 
 @both_presets
 def test_to_its_own_frame_a_point_stays(preset: str):
     """Where weights are normalised; without that (Eq. 2 as written) a ray's missing weight pulls to the middle."""
     model = randomised(tiny_model(preset), 0.05)
-    xy, frame = random_pixels(2, 6), torch.tensor([0, 3])
+    xy, frame = random_units(2, 6), torch.tensor([0, 3])
     prediction = model.predict(xy, frame, frame, generator())
     opacity = prediction.static_weights.sum(-1, keepdim=True)
-    shrunk = model.plane.to_pixels(model.plane.normalise(xy) * opacity)
-    expected = xy if model.config.normalise_weights else shrunk
+    middle = torch.tensor([127.5, 95.5])
+    expected = xy if model.config.normalise_weights else middle + (xy - middle) * opacity
     # float32, through three maps and back
-    torch.testing.assert_close(prediction.static_xy, expected, rtol=0, atol=1e-3)
+    torch.testing.assert_close(prediction.static_xy, expected, rtol=0, atol=8e-3)
 
 
 def test_deferred_is_exact_where_the_map_is_affine():
     """The mean of mapped samples is the map of the point at their mean depth; the couplings start as the identity."""
     model = tiny_model("cpu", feature_size=0)
-    arguments = random_pixels(3, 7), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 4])
+    arguments = random_units(3, 7), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 4])
     found = {kind: carrying(model, kind).predict(*arguments, generator()) for kind in (False, True)}
     for name in ("static_xy", "dynamic_xy", "fused_xy"):
-        torch.testing.assert_close(getattr(found[True], name), getattr(found[False], name), rtol=0, atol=1e-3, msg=name)
+        torch.testing.assert_close(getattr(found[True], name), getattr(found[False], name), rtol=0, atol=8e-3, msg=name)
 
 
 def test_a_deferred_point_is_the_one_that_answers():
@@ -105,10 +111,10 @@ def test_a_deferred_point_is_the_one_that_answers():
     xy, frame, target = random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("decomotion.model.fusion.sample_depths", lambda like, samples, _: sample_depths(like, samples))
-        trained = model.predict(xy, frame, target, generator()).fused_xy
+        trained = model.predict(8 * (xy + 0.5) - 0.5, frame, target, generator()).fused_xy
     conditioning = model.condition(torch.arange(FRAMES))
     answered = carry(model, surface_of(model, xy, conditioning, frame), conditioning, target)
-    torch.testing.assert_close(trained, answered, rtol=0, atol=1e-3)
+    torch.testing.assert_close(trained, 8 * (answered + 0.5) - 0.5, rtol=0, atol=8e-3)
 
 
 @both_presets
@@ -156,7 +162,7 @@ def test_acceleration_is_the_second_difference_about_the_nearest_inner_frame():
     start[:, 0, 3] = -0.1 * torch.arange(FRAMES) ** 2
     model = tiny_model("cpu", start=start)
     frame = torch.arange(FRAMES)
-    prediction = model.predict(random_pixels(FRAMES, 3), frame, frame.flip(0), generator())
+    prediction = model.predict(random_units(FRAMES, 3), frame, frame.flip(0), generator())
     expected = torch.tensor([0.2, 0.0, 0.0]).expand_as(prediction.acceleration)
     torch.testing.assert_close(prediction.acceleration, expected, rtol=0, atol=1e-5)
 
@@ -171,7 +177,7 @@ def test_weights_of_a_ray_sum_to_at_most_one():
 def test_every_parameter_learns():
     model = randomised(tiny_model("cpu"), 0.05)
     frame, target = torch.tensor([0, 1, 2, 3]), torch.tensor([4, 3, 0, 2])
-    prediction = model.predict(random_pixels(4, 60), frame, target, generator())
+    prediction = model.predict(random_units(4, 60), frame, target, generator())
     total = sum((value * torch.randn(value.shape, generator=generator(1))).sum() for value in vars(prediction).values())
     assert isinstance(total, Tensor)
     total.backward()
@@ -209,3 +215,28 @@ def test_pair_conditioning_of_one_frame_is_its_row_of_all_frames():
     assert isinstance(one, PairConditioning)
     for alone, among in zip(one, everything, strict=True):
         torch.testing.assert_close(alone.affine[0], among.affine[2])
+
+
+def test_the_motion_mask_is_of_the_fusion_or_as_printed_of_the_static_volume_alone():
+    """Where an opaque object stands before the scene, the scene's own mask still says static; the fusion's does not."""
+    model = randomised(tiny_model("cpu", feature_size=0), 0.05)
+    frame = torch.tensor([0, 3])
+    found = {}
+    for kind in ("fused", "static"):
+        model.config = model.config.model_copy(update={"motion_mask": kind})
+        found[kind] = model.predict(random_units(2, 6), frame, frame, generator())
+    rays = model.cast(random_pixels(2, 6), model.condition(frame), generator=generator())
+    through = torch.ones(2, 6)
+    printed, fused_static, fused_all, through_both = torch.zeros(2, 6), torch.zeros(2, 6), torch.zeros(2, 6), through
+    for sample in range(rays.depths.shape[-1]):  # Eq. 2 and 5, sample by sample
+        beta = rays.static.confidence[..., sample]
+        of_static, of_dynamic = rays.static.density[..., sample], rays.dynamic.density[..., sample]
+        printed = printed + through * (1 - torch.exp(-of_static)) * beta
+        through = through * torch.exp(-of_static)
+        part = through_both * beta * (1 - torch.exp(-of_static))
+        fused_static = fused_static + part
+        fused_all = fused_all + part + through_both * (1 - beta) * (1 - torch.exp(-of_dynamic))
+        through_both = through_both * torch.exp(-beta * of_static - (1 - beta) * of_dynamic)
+    torch.testing.assert_close(found["static"].motion_mask, printed, rtol=0, atol=1e-5)
+    torch.testing.assert_close(found["fused"].motion_mask, fused_static / fused_all, rtol=0, atol=1e-5)
+    assert (found["static"].motion_mask - found["fused"].motion_mask).abs().max() > 0.01

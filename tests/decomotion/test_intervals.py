@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from decomotion.config import FlowConfig, load
-from decomotion.data.intervals import FLOW_SHARE, choose_intervals, count_fields, pairs_of
+from decomotion.config import load
+from decomotion.data.flow.config import FlowConfig
+from decomotion.data.links.intervals import FLOW_SHARE, choose_intervals, count_fields, pairs_of
 
 
 def flow(intervals: object = "geometric", longest: int = 16) -> FlowConfig:

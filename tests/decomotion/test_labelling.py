@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decomotion.data import labelling
-from decomotion.data.labelling import Links
+from decomotion.data.masks import labelling
+from decomotion.data.masks.labelling import LinkReader
 
 GRID = (4, 6)
 POINTS = GRID[0] * GRID[1]
@@ -19,7 +19,7 @@ def links(shift: float = 0.0, frames: int = 2, confidence: int = 255) -> Links:
     frame = np.arange(frames)
     gap = (frame[None] - frame[:, None])[..., None, None]
     targets = (points + gap * np.array([shift, 0])).astype(np.float32)
-    return Links(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
+    return LinkReader(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
 
 
 class TestOtsu:
@@ -98,3 +98,75 @@ class TestMeanField:
         lab = np.zeros((2, POINTS, 3), np.float32)
         both = labelling.mean_field(unary, lab, GRID)
         np.testing.assert_allclose(both[1:], labelling.mean_field(unary[1:], lab[1:], GRID), rtol=1e-6)
+
+
+def test_evidence_is_averaged_over_four_frames_to_either_side():
+    values = np.zeros((11, POINTS), np.float32)
+    values[5] = 9
+    averaged = labelling.along_links(values, links(frames=11))[:, 0]
+    # frames 1 to 9 see the sixth, among five to nine frames
+    np.testing.assert_allclose(averaged, [0, 9 / 6, 9 / 7, 9 / 8, 1, 1, 1, 9 / 8, 9 / 7, 9 / 6, 0], rtol=1e-5)
+
+
+def test_an_average_weighs_links_by_their_confidence():
+    values = np.stack([np.zeros(POINTS), np.full(POINTS, 6.0)]).astype(np.float32)
+    reader = links()
+    reader._confidence[0, 1] = 51
+    np.testing.assert_allclose(reader.weight(0, 1), 0.2)
+    np.testing.assert_allclose(labelling.along_links(values, reader)[0], 6 * 0.2 / 1.2, rtol=1e-5)
+
+
+def test_log_odds_by_hand():
+    """1.5 log((r + 0.05) / threshold), the threshold 1 unit, at most 3; a change of 1 voids it, of 3 does not."""
+    residual = np.array([[0.2, 0.95, 1.95, 1.95, 1.95, 1e-9, 1e6, 1.95]], np.float32)
+    change = np.array([[0.0, 3.0, 3.0, 2.0, 1.0, 9.0, 9.0, 1.5]], np.float32)
+    # of two classes those below and above 1e6 / 2 differ most: keep that one out, the threshold is then a unit
+    odds = labelling.log_odds(residual[:, [0, 1, 2, 3, 4, 5, 7]], change[:, [0, 1, 2, 3, 4, 5, 7]])
+    two = 1.5 * np.log(2)
+    expected = [[1.5 * np.log(0.25), 0, two, two / 2, 0, -3, two / 4]]
+    np.testing.assert_allclose(odds, expected, atol=1e-4)
+    largest = labelling.log_odds(np.array([[0.1, 0.2, 0.1, 1e6]], np.float32), np.full((1, 4), 9, np.float32))
+    assert largest[0, 3] == pytest.approx(1.5 * np.log(4), rel=0.01)  # a threshold halfway between square roots
+
+
+def slow_mean_field(unary: np.ndarray, lab: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Of one frame, point by point: 20 rounds, half of the old value kept, 2 for a neighbour of the same colour."""
+
+    def apart(p: int, q: int) -> float:
+        return float(((lab[p] - lab[q]) ** 2).sum())
+
+    near = {}  # the eight neighbours, and how far they are
+    for p in range(rows * columns):
+        for q in range(rows * columns):
+            down, right = abs(p // columns - q // columns), abs(p % columns - q % columns)
+            if p != q and max(down, right) == 1:
+                near[p, q] = (down**2 + right**2) ** 0.5
+    kinds = {"right": [], "down": [], "falling": [], "rising": []}
+    for p, q in near:
+        if q == p + 1:
+            kinds["right"].append(apart(p, q))
+        if q == p + columns:
+            kinds["down"].append(apart(p, q))
+        if q == p + columns + 1:
+            kinds["falling"].append(apart(p, q))
+        if q == p + columns - 1:
+            kinds["rising"].append(apart(p, q))
+    scale = 2 * np.mean([np.mean(kind) for kind in kinds.values()]) + 1e-6
+    probability = 1 / (1 + np.exp(-unary))
+    for _ in range(20):
+        odds = unary.copy()
+        for (p, q), length in near.items():
+            odds[p] += 2.0 * np.exp(-apart(p, q) / scale) / length * (2 * probability[q] - 1)
+        probability = 0.5 * probability + 0.5 / (1 + np.exp(-odds))
+    return probability
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(3, 5), (5, 3)])
+def test_mean_field_point_by_point(rows: int, columns: int):
+    random = np.random.default_rng(4)
+    unary = random.normal(0, 2, rows * columns).astype(np.float32)
+    lab = random.uniform(0, 60, (rows * columns, 3)).astype(np.float32)
+    found = labelling.mean_field(unary[None], lab[None], (rows, columns))[0]
+    expected = slow_mean_field(unary.astype(float), lab.astype(float), rows, columns)
+    assert 0 < (expected > 0.5).mean() < 1
+    np.testing.assert_allclose(found, expected, atol=1e-4)

@@ -7,16 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from decomotion.data.linking import (
-    GAP_VARIANCE,
-    HOP_VARIANCE,
-    Field,
-    FieldLookup,
-    Links,
-    cycle_error,
-    link,
-    outside,
-)
+from decomotion.data.links.linking import Flow, FlowLookup, Links, Rematching, cycle_error, link, outside
+from decomotion.data.links.matching import Matches
 
 FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
 VELOCITY = np.array([1.5, -0.75], np.float32)
@@ -25,18 +17,18 @@ THRESHOLD = 1.5
 both_ways = pytest.mark.parametrize("step", [1, -1])
 
 
-def constant_velocity(first: int, second: int) -> Field:
+def constant_velocity(first: int, second: int) -> Flow:
     return np.broadcast_to((second - first) * VELOCITY, (HEIGHT, WIDTH, 2)).astype(np.float32)
 
 
-def points_in_the_middle() -> Field:
+def points_in_the_middle() -> Flow:
     """Other points in each frame, far enough from the border to stay inside for the whole clip."""
     random = np.random.default_rng(0)
     return random.uniform((25, 20), (55, 40), (FRAMES, POINTS, 2)).astype(np.float32)
 
 
 def run(
-    points: Field, field: FieldLookup, step: int, intervals: tuple[int, ...] = (1, 2, 4), max_gap: int = 1000
+    points: Flow, field: FlowLookup, step: int, intervals: tuple[int, ...] = (1, 2, 4), max_gap: int = 1000
 ) -> dict[int, Links]:
     return {links.target: links for links in link(points, field, intervals, THRESHOLD, max_gap, step)}
 
@@ -59,9 +51,7 @@ def test_constant_velocity_is_exact(step: int, intervals: tuple[int, ...]):
 def test_the_cheapest_way_over_the_intervals(step: int):
     cheapest = [0.0]
     for gap in range(1, FRAMES):
-        cheapest.append(
-            min(cheapest[gap - hop] + HOP_VARIANCE + GAP_VARIANCE * hop**2 for hop in (1, 2, 4) if hop <= gap)
-        )
+        cheapest.append(min(cheapest[gap - hop] + 0.01 + 0.003 * hop**2 for hop in (1, 2, 4) if hop <= gap))
     for target, links in run(points_in_the_middle(), constant_velocity, step).items():
         expected = np.array(cheapest)[np.abs(target - links.sources)][:, None]
         np.testing.assert_allclose(links.variance, np.broadcast_to(expected, links.variance.shape), rtol=1e-4)
@@ -72,7 +62,7 @@ def test_the_cheapest_way_over_the_intervals(step: int):
 def test_not_beyond_the_longest_gap(step: int, max_gap: int):
     points = points_in_the_middle()
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         assert abs(first - second) <= max_gap, "flow at longer gaps is not computed"
         return constant_velocity(first, second)
 
@@ -89,7 +79,7 @@ def test_a_turning_and_growing_image(step: int):
     centre = np.array([40.0, 30.0])
     turn = np.array([[1.01, -0.02], [0.02, 1.01]])
 
-    def carried(xy: Field, gap: int) -> Field:
+    def carried(xy: Flow, gap: int) -> Flow:
         return ((xy - centre) @ np.linalg.matrix_power(turn, gap).T + centre).astype(np.float32)
 
     grid = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).astype(np.float32)
@@ -100,10 +90,10 @@ def test_a_turning_and_growing_image(step: int):
             np.testing.assert_allclose(links.xy[row], carried(points[source], target - source), atol=0.02)
 
 
-def hidden_in(frame: int) -> Callable[[int, int], Field]:
+def hidden_in(frame: int) -> Callable[[int, int], Flow]:
     """Flow to and from one frame is wrong, and its two ways contradict each other."""
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         right = constant_velocity(first, second)
         if second == frame:
             return right + np.array([6, 0], np.float32)
@@ -130,7 +120,7 @@ def test_a_visible_way_is_preferred_to_a_better_one_through_a_hidden_place(step:
     """Over two frames the short hops disagree by 1.4 units each, the long one, which leads elsewhere, by 1.6."""
     unit = WIDTH / 256
 
-    def field(first: int, second: int) -> Field:
+    def field(first: int, second: int) -> Flow:
         gap = abs(first - second)
         astray = np.array([5 * (gap == 2) * np.sign(second - first), 0])
         disagreement = np.array([(1.6 if gap == 2 else 1.4) * unit * ((second - first) * step < 0), 0])
@@ -152,7 +142,7 @@ def test_without_a_longer_hop_it_stays_lost():
 def test_a_point_that_leaves_the_image_is_flagged():
     points = np.full((FRAMES, 1, 2), 20, np.float32)
 
-    def to_the_left(first: int, second: int) -> Field:
+    def to_the_left(first: int, second: int) -> Flow:
         return np.broadcast_to(np.array([-6 * (second - first), 0], np.float32), (HEIGHT, WIDTH, 2)).astype(np.float32)
 
     for target, links in run(points, to_the_left, 1).items():
@@ -166,7 +156,7 @@ def test_a_point_that_leaves_the_image_is_flagged():
 def test_thresholds_are_in_pixels_of_a_256_pixel_frame():
     """The same contradiction of 2 pixels of the raster is 6.4 units in an 80-pixel raster, 1 in a 512-pixel one."""
 
-    def contradicting(height: int, width: int) -> FieldLookup:
+    def contradicting(height: int, width: int) -> FlowLookup:
         return lambda first, second: np.full((height, width, 2), (2, 0) if second > first else (0, 0), np.float32)
 
     points = np.full((2, 1, 2), 30, np.float32)
@@ -184,3 +174,100 @@ def test_cycle_error_by_hand():
 def test_outside_begins_half_a_pixel_beyond_the_outermost_centres():
     xy = np.array([[0, 0], [-0.5, -0.5], [-0.6, 0], [79.5, 59.5], [79.6, 0], [0, 59.6], [0, -0.6]], np.float32)
     assert outside(xy, HEIGHT, WIDTH).tolist() == [False, False, True, False, True, True, True]
+
+
+@both_ways
+@pytest.mark.parametrize(("height", "width"), [(90, 160), (160, 90)])
+@pytest.mark.parametrize(
+    ("gap", "missed", "cost"),
+    [
+        (1, 0.0, 0.013),  # 0.1^2 a hop and 0.003 gap^2
+        (1, 1.0, 0.313),  # 0.3 of the squared cycle error
+        (4, 1.2, 0.49),  # 0.01 + 0.048 + 0.432
+        (2, 21.0, 120.022),  # counted up to 20
+        (2, 90.0, 120.022),
+    ],
+)
+def test_what_a_hop_costs_by_hand(step: int, height: int, width: int, gap: int, missed: float, cost: float):
+    """`missed` is where the way back ends, in units: 0.625 pixels of a raster whose longer side is 160."""
+
+    def field(first: int, second: int) -> Flow:
+        way = (second - first) * step
+        return np.full((height, width, 2), (0, -missed * 0.625 if way < 0 else 0), np.float32)
+
+    points = np.full((gap + 1, 3, 2), 45, np.float32)
+    found = run(points, field, step, intervals=(gap,))[gap if step > 0 else 0]
+    np.testing.assert_allclose(found.variance, np.full((1, 3), cost), rtol=1e-4)
+    assert found.occluded.all() == (missed > THRESHOLD)
+
+
+def matched(shift: tuple[float, float], trusted: bool = True) -> Matches:
+    """Cells of which 8 lie across and 4 down: of 20x25 pixels in a raster of 160x100."""
+    return Matches(np.full((4, 8, 2), shift, np.float32), np.full((4, 8), trusted))
+
+
+def test_a_match_by_hand():
+    """Where flow ends on a hidden place, a match takes the point a cell to the right and half a cell up."""
+    points = np.array([[[30, 40], [150, 40], [30, 10]]] * 2, np.float32)
+    contradicting = {1: np.zeros((100, 160, 2), np.float32), -1: np.full((100, 160, 2), 10, np.float32)}
+    asked = []
+
+    def match(first: int, second: int) -> Matches:
+        asked.append((first, second))
+        return matched((1, -0.5))
+
+    (links,) = link(
+        points, lambda first, second: contradicting[second - first], (1,), THRESHOLD, 9, 1, Rematching(match, (1,))
+    )
+    assert asked == [(0, 1)]
+    np.testing.assert_allclose(links.xy[0], [[50, 27.5], [170, 27.5], [50, -2.5]], atol=1e-4)
+    assert links.occluded.tolist() == [[False, True, True]]  # to the right of the image, and above it
+    np.testing.assert_allclose(links.variance, 0.3, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("missed", "taken"), [(0.9, False), (1.1, True)])
+def test_a_match_is_taken_where_it_is_cheaper(missed: float, taken: bool):
+    """0.3 against 0.013 + 0.3 e^2: cheaper from a cycle error of 0.978 units on, both ends seen."""
+    fields = {1: np.zeros((100, 160, 2), np.float32), -1: np.full((100, 160, 2), (missed * 0.625, 0), np.float32)}
+    (links,) = link(
+        np.full((2, 1, 2), 40, np.float32),
+        lambda first, second: fields[second - first],
+        (1,),
+        THRESHOLD,
+        9,
+        1,
+        Rematching(lambda *_: matched((0, 0.25)), (1,)),
+    )
+    assert links.xy[0, 0].tolist() == [40, 46.25 if taken else 40]
+    assert not links.occluded.any()
+
+
+def test_a_match_that_is_not_trusted_is_hidden_too():
+    fields = {1: np.zeros((100, 160, 2), np.float32), -1: np.full((100, 160, 2), 2, np.float32)}
+    points = np.full((2, 1, 2), 40, np.float32)
+    (links,) = link(
+        points,
+        lambda first, second: fields[second - first],
+        (1,),
+        THRESHOLD,
+        9,
+        1,
+        Rematching(lambda *_: matched((0, 0.25), False), (1,)),
+    )
+    # both are hidden: the cheaper one, 0.3 against 0.013 + 0.3 * (2 * 2^0.5 * 1.6)^2 = 6.16
+    assert links.xy[0, 0].tolist() == [40, 46.25]
+    assert links.occluded.all()
+
+
+@pytest.mark.parametrize(("missed", "long_hop"), [(4.4, False), (4.5, True)])
+def test_a_hidden_place_costs_ten_squared_units(missed: float, long_hop: bool):
+    """Three visible hops, 3 (0.013 + 0.3 e^2), or a hidden one that misses by 5.1: 0.037 + 0.3 * 5.1^2 + 10 = 17.84."""
+
+    def field(first: int, second: int) -> Flow:
+        off = 5.1 if abs(second - first) == 3 else missed
+        return np.full((60, 80, 2), (0 if second > first else off * 80 / 256, 0), np.float32)
+
+    points = np.full((4, 1, 2), 30, np.float32)
+    links = {each.target: each for each in link(points, field, (1, 3), 5.0, 9, 1)}[3]
+    assert links.sources.tolist() == [0, 1, 2]
+    assert links.occluded[0, 0] == long_hop

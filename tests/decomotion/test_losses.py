@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import PRESETS, load
+from decomotion.config import load
 from decomotion.data.batch import Batch
 from decomotion.errors import ConfigError
 from decomotion.losses import LOSSES, check
@@ -22,6 +22,7 @@ from decomotion.losses.robust_flow import SCALE, robust_flow_loss
 from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
+from decomotion.presets import PRESETS
 from tiny_fit import randomised, tiny_model
 
 
@@ -209,7 +210,7 @@ def test_every_loss_is_what_its_equation_says():
         "photometric_static": (still * unlike(p.static_rgb)).mean(),
         "photometric_fused": unlike(p.fused_rgb).mean(),
         "feature": (moving * (p.dynamic_feature - b.feature).abs().mean(-1)).mean(),
-        "segmentation": -(still * p.static_confidence.log() + moving * (1 - p.static_confidence).log()).mean(),
+        "segmentation": -(still * p.motion_mask.log() + moving * (1 - p.motion_mask).log()).mean(),
         "scene_flow": p.acceleration.abs().sum(-1).mean(),
         "distortion": spread(p.static_weights) + spread(p.dynamic_weights),
         "depth_range": beyond(p.static_depths) + beyond(p.dynamic_depths),

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from decomotion.data.masks import auto_masks, read_masks
+from decomotion.data.masks.auto import auto_masks
+from decomotion.data.masks.folder import read_masks
 from decomotion.data.pool import grid_shape, jittered_grid
 from decomotion.errors import SupervisionError
 
@@ -81,7 +82,7 @@ def _drawn(texture: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 def masks_of(frames: np.ndarray, points: np.ndarray, targets: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    return auto_masks(frames, points, targets, confidence, grid_shape(HEIGHT, WIDTH, COUNT))
+    return auto_masks(frames, points, targets, confidence, grid_shape(HEIGHT, WIDTH, COUNT), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("camera", [pan, zoom, stand])

@@ -11,9 +11,9 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decomotion.clip import Clip
-from decomotion.config import MatchingConfig
-from decomotion.data.linking import Rematching, link
-from decomotion.data.matching import Matches, MatchStore, supporters
+from decomotion.data.links.config import MatchingConfig
+from decomotion.data.links.linking import Rematching, link
+from decomotion.data.links.matching import Matches, MatchStore, supporters
 
 HEIGHT, WIDTH = 96, 128
 
@@ -178,5 +178,5 @@ def test_what_is_there_is_not_matched_again(matched: Matched, tmp_path: Path, mo
     assert len(asked) == 1
     assert_array_equal(again.displacement, expected.displacement)
     assert_array_equal(again.trusted, expected.trusted)
-    monkeypatch.setattr("decomotion.data.matching.describe", None)  # nothing is missing
+    monkeypatch.setattr("decomotion.data.links.matching.describe", None)  # nothing is missing
     matched(*images)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from decomotion.data.memory import kept_memory
+from decomotion.memory import kept_memory
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc's allocator")
 

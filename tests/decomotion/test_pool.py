@@ -9,6 +9,7 @@ import pytest
 
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool, pack
 
+ARRAYS = [name for name in Pool.__dataclass_fields__ if name != "longer_side"]
 TYPES = {"confidence": np.uint8, "rgb": np.uint8, "moving": np.uint8, "feature": np.float16, "targets": np.uint16}
 SIZES = [(48, 64, 192), (64, 48, 192), (33, 57, 100), (32, 32, 256)]
 
@@ -43,20 +44,20 @@ def test_frames_have_points_of_their_own():
 
 
 def test_a_pool_is_opened_without_loading_it(tmp_path: Path):
-    for name in Pool.__dataclass_fields__:
+    for name in ARRAYS:
         folder = tmp_path / ("one" if name < "f" else "other")
         folder.mkdir(exist_ok=True)
         np.save(folder / f"{name}.npy", np.zeros((2, 3, 4), TYPES.get(name, np.float32)))
     pool = open_pool([tmp_path / "one", tmp_path / "other"], longer_side=100)
-    assert (pool.num_frames, pool.num_points, pool.feature_size) == (2, 3, 4)
-    assert all(isinstance(getattr(pool, name), np.memmap) for name in Pool.__dataclass_fields__ if name != "targets")
+    assert (pool.num_frames, pool.num_points, pool.feature_size, pool.longer_side) == (2, 3, 4, 100)
+    assert all(isinstance(getattr(pool, name), np.memmap) for name in ARRAYS if name != "targets")
     assert isinstance(pool.targets, PackedPositions)
 
 
 def test_a_later_folder_s_array_takes_an_earlier_one_s_place(tmp_path: Path):
     for number, folder in enumerate((tmp_path / "links", tmp_path / "filter")):
         folder.mkdir()
-        for name in Pool.__dataclass_fields__ if number == 0 else ["confidence"]:
+        for name in ARRAYS if number == 0 else ["confidence"]:
             np.save(folder / f"{name}.npy", np.full((2, 3, 4), number, TYPES.get(name, np.float32)))
     pool = open_pool([tmp_path / "links", tmp_path / "filter"], longer_side=100)
     assert (pool.confidence == 1).all()

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 from decomotion.clip import Clip
-from decomotion.config import DataConfig, load
-from decomotion.data import correspondences
+from decomotion.config import load
 from decomotion.data import prepare as preparation
-from decomotion.data.flow import Field, Frame
+from decomotion.data.config import DataConfig
+from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
-from decomotion.data.matching import MatchStore
+from decomotion.data.links import stage as links_stage
+from decomotion.data.links.matching import MatchStore
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
@@ -294,8 +295,8 @@ class TestCache:
 
         class Killed(DisFlow):
             def __call__(
-                self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1), start: Field | None = None
-            ) -> Field:
+                self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1), start: Flow | None = None
+            ) -> Flow:
                 called.append(pair)
                 if len(called) == 40:
                     raise KeyboardInterrupt
@@ -340,14 +341,14 @@ class TestCache:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(correspondences, "choose_intervals", killed)
+            patch.setattr(links_stage, "choose_intervals", killed)
             with pytest.raises(KeyboardInterrupt):
                 prepare(clip, settings, progress=False)
         assert list(preparation.cache_root().glob("*/.links-*.partial/flow/*.npy"))
         called: list[tuple[int, int]] = []
         estimate = DisFlow.__call__
 
-        def counted(self: DisFlow, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None) -> Field:
+        def counted(self: DisFlow, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None) -> Flow:
             called.append(pair)
             return estimate(self, first, second, pair, start)
 
@@ -370,13 +371,13 @@ class TestCache:
                 clock[0] += 100.0
 
         clock = [0.0]
-        monkeypatch.setattr(correspondences, "time", SimpleNamespace(monotonic=lambda: clock[0]))
-        monkeypatch.setattr(correspondences, "MatchStore", Slow)
-        monkeypatch.setattr(correspondences, "choose_intervals", gaps)
+        monkeypatch.setattr(links_stage, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+        monkeypatch.setattr(links_stage, "MatchStore", Slow)
+        monkeypatch.setattr(links_stage, "choose_intervals", gaps)
         prepare(clip, config("data.features=none", "data.prepare_budget=180"), progress=False)
         assert asked == [80.0]
 
-    @pytest.mark.parametrize("at_once", [correspondences.LINKED_AT_ONCE, 20_000])
+    @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
     def test_links_go_on_after_the_part_that_was_done(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, at_once: int
     ):
@@ -384,8 +385,8 @@ class TestCache:
         whole = prepare(clip, config("data.features=none"), progress=False)
         expected = whole.targets[...], np.array(whole.confidence)
         shutil.rmtree(preparation.cache_root())
-        monkeypatch.setattr(correspondences, "LINKED_AT_ONCE", at_once)
-        link, begun = correspondences.linking.link, []
+        monkeypatch.setattr(links_stage, "LINKED_AT_ONCE", at_once)
+        link, begun = links_stage.linking.link, []
 
         def killed(*arguments: Any) -> Any:
             begun.append(arguments[0].shape[1])
@@ -393,7 +394,7 @@ class TestCache:
                 raise KeyboardInterrupt
             return link(*arguments)
 
-        monkeypatch.setattr(correspondences.linking, "link", killed)
+        monkeypatch.setattr(links_stage.linking, "link", killed)
         with pytest.raises(KeyboardInterrupt):
             prepare(clip, config("data.features=none"), progress=False)
         pool = prepare(clip, config("data.features=none"), progress=False)

@@ -80,7 +80,7 @@ def test_options_that_the_commands_share_are_the_same():
     own = {"clip", "preview", "rebuild_cache", "device"}
     shared = {option.name for option in command.params} - own
     assert shared <= {option.name for option in train.params}
-    assert len(shared) == 10
+    assert len(shared) == 11
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_user_s_folder_of_flow(
     assert "flow at gaps 1, 2, 4:" in capsys.readouterr().out
     (tmp_path / "3_4.npy").unlink()
     shutil.rmtree(tmp_path / "cache")
-    monkeypatch.setattr("decomotion.data.correspondences.MatchStore", None)  # long work, which is not begun
+    monkeypatch.setattr("decomotion.data.links.stage.MatchStore", None)  # long work, which is not begun
     assert main([str(frames), *tiny, "--flow", str(tmp_path)]) == 2
     assert "lacks fields 3_4;" in capsys.readouterr().err
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from decomotion.rays import FAR, NEAR, lift, sample_depths
+from decomotion.pseudo_depth import FAR, NEAR
+from decomotion.rays import lift, sample_depths
 
 BATCHES = [(), (5,), (2, 3)]
 

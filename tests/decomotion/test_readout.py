@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from decomotion.compositing import static_share
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import Answer, answer, carry, static_owns, surface_of
 from decomotion.model.volume import Matter
@@ -97,7 +98,7 @@ def test_the_surface_is_a_point_of_the_ray():
 
 def test_an_object_owns_what_it_has_a_tenth_of():
     static, dynamic = torch.tensor([[0.92, 0.6, 0.2, 0.0], [0.08, 0.3, 0.6, 0.0]])
-    assert static_owns(static, dynamic).tolist() == [True, False, False, True]
+    assert static_owns(static_share(static, dynamic)).tolist() == [True, False, False, True]
 
 
 @both_presets

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from decomotion.clip import Clip
-from decomotion.data.refinement import FARTHEST, Refiner
+from decomotion.data.links.refinement import Refiner
 
 SHIFT = np.array([9.3, -4.6], np.float32)
 HEIGHT, WIDTH = 96, 128
@@ -47,12 +47,23 @@ def test_positions_are_those_of_the_raster():
 def test_what_has_none_or_leads_too_far_stays():
     refine = Refiner(moved_texture(1))
     xy = np.array([[64, 56], [20, 30], [20, 30], [-30, 4]], np.float32)
-    off = np.array([[0.5, 0.5], [20, 20], [2 * FARTHEST, 0], [0, 0]], np.float32)
+    off = np.array([[0.5, 0.5], [20, 20], [5, 0], [0, 0]], np.float32)
     found = refine(0, 1, xy, xy + SHIFT + off, (HEIGHT, WIDTH))
-    assert np.linalg.norm(found - (xy + SHIFT + off), axis=-1).max() <= FARTHEST * WIDTH / 256 + 1e-3
+    assert np.linalg.norm(found - (xy + SHIFT + off), axis=-1).max() <= 2.5 * WIDTH / 256 + 1e-3
     np.testing.assert_array_equal(found[0], (xy + SHIFT + off)[0])
 
 
 def test_no_points():
     none = np.zeros((0, 2), np.float32)
     assert Refiner(moved_texture(1))(0, 1, none, none, (HEIGHT, WIDTH)).shape == (0, 2)
+
+
+@pytest.mark.parametrize("scale", [1, 5])
+@pytest.mark.parametrize(("units", "taken"), [(2.3, True), (2.7, False)])
+def test_a_place_is_moved_by_two_and_a_half_units_at_most(scale: int, units: float, taken: bool):
+    """A unit is half a pixel of a raster of 128x96."""
+    refine = Refiner(moved_texture(scale))
+    xy = np.array([[20, 30], [30.5, 70.25], [100, 50]], np.float32)
+    start = xy + SHIFT + units / 2 * np.array([[1, 0], [0, -1], [-0.6, 0.8]], np.float32)
+    found = refine(0, 1, xy, start, (HEIGHT, WIDTH))
+    np.testing.assert_allclose(found, xy + SHIFT if taken else start, atol=0.06 if taken else 1e-5)

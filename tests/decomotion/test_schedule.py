@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from decomotion.config import OptimConfig, Schedule, load
-from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
+from decomotion.config import load
+from decomotion.schedule import Budget, OptimConfig, Schedule, learning_rate_factor, longest_gap, value_at
 
 
 def optim(**changes: object) -> OptimConfig:
@@ -70,8 +70,3 @@ def test_progress_in_steps_and_in_time_without_preparation():
 def test_a_budget_used_up_by_preparation_still_leaves_a_moment():
     assert Budget(steps=8, seconds=5.0).progress(0, 7.0, 7.0) == 0
     assert Budget(steps=8, seconds=5.0).progress(9, 8.0, 7.0) == 1
-
-
-def test_a_part_of_a_budget_is_of_what_is_left():
-    assert Budget(steps=100).part(0.2, 50.0) == Budget(20)
-    assert Budget(steps=100, seconds=110.0).part(0.2, 10.0) == Budget(20, 20.0)

@@ -43,7 +43,7 @@ def some_points() -> tuple[Tensor, Tensor, Tensor]:
 def test_it_predicts_what_the_fused_model_does(preset: str, volumes: str):
     alone, fused = alone_and_fused(preset, volumes)
     mine, its = (model.predict(*some_points(), torch.Generator().manual_seed(1)) for model in (alone, fused))
-    shared = {"fused_xy", "fused_rgb", "static_confidence", *(name for name in vars(its) if name.startswith(volumes))}
+    shared = {"fused_xy", "fused_rgb", "motion_mask", *(name for name in vars(its) if name.startswith(volumes))}
     for name in shared:
         torch.testing.assert_close(getattr(mine, name), getattr(its, name))
     if volumes == "dynamic":

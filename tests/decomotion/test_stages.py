@@ -87,7 +87,7 @@ def test_two_at_a_time_build_once(tmp_path: Path):
     for run in runs:
         run.start()
     for run in runs:
-        run.join()
+        run.join(60)
     assert len(built) == 1
     assert stage(tmp_path).finished
 

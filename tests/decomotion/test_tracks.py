@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from decomotion.clip import Clip
-from decomotion.data.tracks import read_tracks
+from decomotion.data.links.tracks import read_tracks
 from decomotion.errors import SupervisionError
 
 POINTS, FRAMES, HEIGHT, WIDTH = 5, 8, 24, 32

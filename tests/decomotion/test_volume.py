@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from decomotion.config import SurfaceConfig
+from decomotion.model.config import SurfaceConfig
 from decomotion.model.volume import Volume, centred, decentred
 from tiny_fit import randomised, tiny_model
 

@@ -11,7 +11,8 @@ from decomo_eval.dataset import Video
 from decomo_eval.errors import EvalError
 from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.tapvid import Queries, pixels_to_raster
-from decomotion.config import ESTIMATORS, load
+from decomotion.config import load
+from decomotion.data.flow.config import ESTIMATORS
 
 FRAMES, HEIGHT, WIDTH = 6, 20, 30
 VIDEO = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)

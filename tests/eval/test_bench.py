@@ -21,13 +21,13 @@ from typing import Any
 
 import pytest
 
-from decomo_eval.bench import run, task
+from decomo_eval.bench import cluster, run, task
 from decomo_eval.bench.cli import main
-from decomo_eval.bench.cluster import ENVIRONMENT
+from decomo_eval.bench.cluster import ENVIRONMENT, RayEngine
 from decomo_eval.bench.engine import Room, run_tasks
 from decomo_eval.bench.task import COMMANDS
 from decomo_eval.dataset import Video, read_dataset, write_frames
-from decomo_eval.errors import PredictionError
+from decomo_eval.errors import EvalError, PredictionError
 from decomotion.clip import read_clip
 
 TRAIN = """
@@ -347,6 +347,39 @@ def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path
     assert left.attempt(2, threads=1).error is None
     assert left.model.is_file()
     assert sorted(file.name for file in left.folder.iterdir()) == ["log.txt", "run"]
+
+
+def test_what_ray_is_told_by_the_environment_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it does not start; what the user has said stays."""
+    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
+    said, other = ENVIRONMENT
+    monkeypatch.setenv(said, "mine")
+    monkeypatch.delenv(other, raising=False)
+    before, seen = dict(os.environ), {}
+
+    def does_not_start(**options: object) -> None:
+        seen.update(os.environ)
+        raise ConnectionError("no")
+
+    monkeypatch.setattr("ray.init", does_not_start)
+    with pytest.raises(EvalError, match="Ray does not answer at local"), RayEngine("local").start():
+        pass
+    assert (seen[said], seen[other]) == ("mine", ENVIRONMENT[other])
+    assert dict(os.environ) == before
+
+
+def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be lent to an attempt with one next; the commands see none."""
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
+    seen = []
+    told = subprocess.CompletedProcess([], 1)
+    monkeypatch.setattr(subprocess, "run", lambda *_, env, **__: seen.append(env["CUDA_VISIBLE_DEVICES"]) or told)
+    left = task.Task("left", tmp_path / "out", (), attempts=1)
+    left.frames.mkdir(parents=True)
+    for on_gpu in (False, True):
+        cluster._attempt(left, 1, 1, on_gpu)
+    assert seen == ["", "0,1"]
+    assert os.environ["CUDA_VISIBLE_DEVICES"] == "0,1"
 
 
 def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:

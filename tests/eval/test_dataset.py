@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from clip_files import turned_jpeg
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError
 
@@ -81,6 +82,20 @@ def test_jpeg_bytes_decode_as_rgb(read: Callable[..., Any], entry: dict[str, Any
     assert frames.shape == colours.shape
     # JPEG rounds a flat colour by a few levels.
     np.testing.assert_allclose(frames.astype(int), colours, atol=3)
+
+
+def test_jpeg_bytes_are_not_turned(read: Callable[..., Any], entry: dict[str, Any]) -> None:
+    """As by the official reader, whose tracks are in the stored frames."""
+    frames = [turned_jpeg(frame, 6) for frame in entry["video"]]
+    video = read({"a": {**entry, "video": frames}})["a"]
+    assert (video.height, video.width) == (20, 32)
+    plain = read({"a": {**entry, "video": [turned_jpeg(frame, 1) for frame in entry["video"]]}})["a"]
+    np.testing.assert_array_equal(video.frames(), plain.frames())
+
+
+def test_png_bytes_of_16_bits(read: Callable[..., Any], entry: dict[str, Any]) -> None:
+    deep = [cv2.imencode(".png", frame[..., ::-1].astype(np.uint16) * 257)[1].tobytes() for frame in entry["video"]]
+    np.testing.assert_array_equal(read({"a": {**entry, "video": deep}})["a"].frames(), entry["video"])
 
 
 def test_occluded_may_be_numbers(read: Callable[..., Any], entry: dict[str, Any]) -> None:

@@ -11,9 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from clip_files import turned_jpeg
 from decomo_eval import dataset as module
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, UnsafePickleError
+from decomotion.clip import read_clip
 
 
 def as_jpegs(entry: dict[str, Any], form: Callable[[list[bytes]], Any] = np.array) -> dict[str, Any]:
@@ -87,4 +89,43 @@ def test_what_a_folder_lacks_is_named(tmp_path: Path, entry: dict[str, Any]) -> 
         read_dataset(tmp_path)["alone"]
     write_folder(tmp_path, entry, tracks=entry["points"][0])
     with pytest.raises(DatasetError, match=r"must have tracks \[N, T, 2\]"):
+        read_dataset(tmp_path)["goat"]
+
+
+@pytest.mark.parametrize("orientation", [3, 5, 6, 8])
+def test_frames_in_folders_are_those_of_decomo_train(orientation: int, tmp_path: Path, entry: dict[str, Any]) -> None:
+    """Upright, where EXIF tells that they are not stored so."""
+    folder = tmp_path / "phone"
+    folder.mkdir()
+    for index, frame in enumerate(entry["video"]):
+        (folder / f"{index}.jpg").write_bytes(turned_jpeg(frame, orientation))
+    clip = read_clip(folder)
+    tracks = entry["points"] * [clip.width, clip.height] - 0.5
+    np.savez(tmp_path / "phone.npz", tracks=tracks, occluded=entry["occluded"])
+    video = read_dataset(tmp_path)["phone"]
+    assert (video.width, video.height) == (clip.width, clip.height)
+    np.testing.assert_array_equal(video.frames(), clip.frames)
+    np.testing.assert_allclose(video.points, entry["points"], rtol=1e-12)
+    assert read_dataset(tmp_path)["phone"].digest() == video.digest()
+
+
+def test_deep_frames_in_folders_are_those_of_decomo_train(tmp_path: Path, entry: dict[str, Any]) -> None:
+    (tmp_path / "raw").mkdir()
+    for index, frame in enumerate(entry["video"]):
+        cv2.imwrite(str(tmp_path / "raw" / f"{index}.png"), frame.astype(np.uint16) << 4)
+    np.savez(tmp_path / "raw.npz", tracks=entry["points"] * [32, 20], occluded=entry["occluded"])
+    np.testing.assert_array_equal(read_dataset(tmp_path)["raw"].frames(), entry["video"][..., ::-1])
+
+
+def test_frames_that_cannot_be_read_are_the_datasets_fault(tmp_path: Path, entry: dict[str, Any]) -> None:
+    """`decomo-bench` goes on with the others."""
+    write_folder(tmp_path, entry)
+    (tmp_path / "goat" / "10.png").write_bytes(b"no picture")
+    with pytest.raises(DatasetError, match=r"frame .*10\.png does not decode as an image"):
+        read_dataset(tmp_path)["goat"].frames()
+    (tmp_path / "goat" / "0.png").write_bytes(b"no picture")
+    with pytest.raises(DatasetError, match=r"frame .*0\.png does not decode as an image"):
+        read_dataset(tmp_path)["goat"]
+    (tmp_path / "goat" / "0.jpg").write_bytes(b"a second one")
+    with pytest.raises(DatasetError, match=r"0\.jpg and 0\.png differ in their ending alone"):
         read_dataset(tmp_path)["goat"]

@@ -200,3 +200,31 @@ def test_a_model_of_another_length_is_refused(left: tuple[Video, Queries], monke
     monkeypatch.setattr(StillTracker, "num_frames", 50)
     with pytest.raises(PredictionError, match="fitted to 50 frames but video left has 11"):
         from_model(Path("left.onnx"), *left)
+
+
+@pytest.mark.parametrize("size", [(20, 32), (10, 16), (480, 768), (480, 770)])
+def test_a_model_of_turned_frames_is_refused(
+    size: tuple[int, int], left: tuple[Video, Queries], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("decomo_runtime.Tracker", StillTracker, raising=False)
+    monkeypatch.setattr(StillTracker, "width", size[0])
+    monkeypatch.setattr(StillTracker, "height", size[1])
+    with pytest.raises(
+        PredictionError, match=rf"frames of {size[0]}x{size[1]} but video left has 32x20: one of the two"
+    ):
+        from_model(Path("left.onnx"), *left)
+
+
+def test_predictions_in_turned_frames_are_refused(
+    write_predictions: WritePredictions, left: tuple[Video, Queries]
+) -> None:
+    file = write_predictions("left", size=(20, 32)) / "left.npz"
+    with pytest.raises(PredictionError, match="one of the two is turned"):
+        from_npz(file, *left)
+
+
+@pytest.mark.parametrize("size", [(256, 256), (854, 480), (32, 20), (16, 10), (20, 20)])
+def test_frames_of_other_sizes_are_not_turned(
+    size: tuple[int, int], write_predictions: WritePredictions, left: tuple[Video, Queries]
+) -> None:
+    assert from_npz(write_predictions("left", size=size) / "left.npz", *left).size == size

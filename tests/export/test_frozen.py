@@ -13,7 +13,8 @@ from decomo_export.graph import QueryGraph
 from decomo_export.lookup import CellGrid, Raster
 from decomotion.compositing import composite, composite_weights, thickened
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.readout import answer, surface_of
+from decomotion.model.readout import OBJECT_SHARE, answer, surface_of
+from decomotion.model.volume import Volume
 from tiny_fit import randomised, tiny_model
 
 FRAMES, HEIGHT, WIDTH = 5, 24, 32
@@ -64,6 +65,25 @@ def test_the_same_answers_as_the_definition(model: DecoMotion):
     fused = (rays.fused_static + rays.fused_dynamic)[:, 0]
     mean_depth = composite(fused, rays.depths[:, 0, :, None])[:, 0] / fused.sum(-1)
     torch.testing.assert_close(depth, mean_depth, rtol=0, atol=1e-4)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("density", [0.0, -200.0], ids=["matter", "nothing"])
+def test_a_reader_of_the_file_tells_who_owns_a_pixel(model: DecoMotion, density: float):
+    """From the static confidence and the share alone, as `Tracker.on_object`; and rays that meet nothing."""
+    for volume in (model.static, model.dynamic):
+        if isinstance(volume, Volume):
+            volume.surface = None  # which would give the rays matter in the middle
+            volume.head.bias[3] += density
+    graph, queries = QueryGraph(model, "none"), random_queries(400)
+    confidence = graph(queries, torch.tensor([0]))[5].numpy()
+    frame, xy = queries[:, 0].long(), queries[:, 1:]
+    static = graph.model.cast(xy.T, frame).is_static()
+    np.testing.assert_array_equal(confidence >= 1 - OBJECT_SHARE, static)
+    rays = model.cast(xy[:, None], model.condition(torch.arange(FRAMES)), frame)
+    np.testing.assert_allclose(rays.static_confidence[:, 0], confidence, atol=1e-4)
+    if density:
+        np.testing.assert_array_equal(confidence, 1)
 
 
 @torch.no_grad()

@@ -83,9 +83,40 @@ def test_int8_quantises_wide_layers_of_either_form():
     hidden = x @ arrays["w"]
     for _ in range(2):
         hidden = hidden @ arrays["v"].T + arrays["bias"]
-    # each weight and each input is rounded to 1 of 255 steps, 64 such errors are added, three times
+    # each weight is rounded to 1 of 128 steps, each input to 1 of 255; 64 such errors are added, three times
     np.testing.assert_allclose(given, hidden @ arrays["narrow"].T, atol=0.15)
     assert np.abs(hidden @ arrays["narrow"].T).mean() > 0.5
+
+
+def as_avx2_multiplies(inputs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """uint8 [N, K] by int8 [K, M] as x86 without VNNI does it: pairs of products are added in 16 bits, which saturate.
+
+    (vpmaddubsw, then vpmaddwd and vpaddd in 32 bits.)
+    """
+    products = inputs.astype(np.int64)[:, :, None] * weights.astype(np.int64)
+    pairs = (products[:, 0::2] + products[:, 1::2]).clip(-(2**15), 2**15 - 1)
+    return pairs.sum(axis=1)
+
+
+def test_int8_is_the_same_where_pairs_of_products_are_added_in_16_bits():
+    """The largest inputs there are, and weights that reach the ends of their range, two and two."""
+    random = np.random.default_rng(0)
+    matrix = random.normal(size=(64, 96)).astype(np.float32)
+    matrix[:8] = np.sign(matrix[:8]) * 5
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("MatMul", ["x", "w"], ["y"])],
+        "wide",
+        [onnx.helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 64])],
+        [onnx.helper.make_tensor_value_info("y", TensorProto.FLOAT, ["N", 96])],
+        [onnx.numpy_helper.from_array(matrix, "w")],
+    )
+    proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
+    stored = [onnx.numpy_helper.to_array(each) for each in reduce_precision(proto, "int8").graph.initializer]
+    (weights,) = [array for array in stored if array.dtype == np.int8 and array.shape == (64, 96)]
+    inputs = np.concatenate([np.full((1, 64), 255, np.uint8), random.integers(200, 256, (20, 64), dtype=np.uint8)])
+    assert np.abs(weights.astype(int)).max() == 64  # the whole range is used
+    exact = inputs.astype(np.int64) @ weights.astype(np.int64)
+    np.testing.assert_array_equal(as_avx2_multiplies(inputs, weights), exact)
 
 
 def test_deviation_of_a_graph_from_itself(fitted: Export):

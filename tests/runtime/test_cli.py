@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracks, contract, scene_motion
+from decomo_runtime import Tracks, contract
 from decomo_runtime.cli import main
 from decomo_runtime.pictures import write_video
 
@@ -101,10 +101,8 @@ def test_points_on_objects_or_on_the_scene_only(
     assert Tracks.load(out).queries[:, 0].tolist() == frames
 
 
-def test_trails_without_the_camera_s_motion(
-    model_path: Path, clip_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
+def test_trails_without_the_camera_s_motion(write_model: Callable[..., Path], clip_path: Path, tmp_path: Path):
+    model_path = write_model({contract.META_OBJECT_SHARE: "0.99"})  # of the tiny model all but frame 0 is static then
     last = {}
     for trails in ("image", "camera"):
         overlay = tmp_path / f"{trails}.mp4"

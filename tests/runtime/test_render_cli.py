@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker, Tracks, contract, removal, scene_motion
+from decomo_runtime import Tracker, Tracks, contract, removal, render
+from decomo_runtime.contract import LAYERS, META_OBJECT_SHARE
 from decomo_runtime.pictures import flattened
 from decomo_runtime.render_cli import main
-from decomo_runtime.rendering import LAYERS
 from decomotion.clip import read_clip
 from tiny_fit import FRAMES, SIZE
 from tiny_model import write_tiny_model
@@ -47,7 +47,7 @@ def test_a_layer_as_a_video(model_path: Path, tracker: Tracker, tmp_path: Path, 
     frames = frames_of(out)
     assert len(frames) == NUM_FRAMES
     for number, frame in enumerate(frames):
-        apart = np.abs(frame.astype(int) - tracker.render(number))
+        apart = np.abs(frame.astype(int) - render(tracker, number)[0])
         assert apart.mean() < 3  # lossy, and colours at half the resolution
     printed = capsys.readouterr().out.splitlines()
     assert printed == ["fused of slide, 6 frames", f"wrote {out}"]
@@ -74,7 +74,7 @@ def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path
     assert run(model_path, "--layer", "dynamic", "--frames", "2:4", "--out", tmp_path / "objects") == 0
     assert sorted(path.name for path in (tmp_path / "objects").iterdir()) == ["00002.png", "00003.png"]
     image = read_png(tmp_path / "objects" / "00003.png")
-    np.testing.assert_array_equal(image, tracker.render(3, "dynamic"))
+    np.testing.assert_array_equal(image, render(tracker, 3, ["dynamic"])[0])
     assert image[0, 0, 3] == round(255 * (1 - 3 / NUM_FRAMES))  # the tiny model's confidence is t / T
 
 
@@ -98,7 +98,7 @@ def test_objects_as_a_video_with_alpha(model_path: Path, tmp_path: Path, suffix:
 def test_objects_on_chequers_where_there_is_no_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):
     out = tmp_path / "objects.mp4"
     assert run(model_path, "--layer", "dynamic", "--out", out) == 0
-    expected = flattened(tracker.render(4, "dynamic"))
+    expected = flattened(render(tracker, 4, ["dynamic"])[0])
     assert np.abs(frames_of(out)[4].astype(int) - expected).mean() < 4
 
 
@@ -109,7 +109,7 @@ def test_all_layers_in_folders(model_path: Path, tracker: Tracker, tmp_path: Pat
     assert sorted(path.name for path in out.iterdir()) == sorted(LAYERS)
     for layer in LAYERS:
         assert sorted(path.name for path in (out / layer).iterdir()) == ["00000.png", "00001.png"]
-        np.testing.assert_array_equal(read_png(out / layer / "00001.png"), tracker.render(1, layer, long_side=24))
+        np.testing.assert_array_equal(read_png(out / layer / "00001.png"), render(tracker, 1, [layer], long_side=24)[0])
     assert list(tmp_path.glob(".*")) == []
 
 
@@ -118,7 +118,7 @@ def test_all_layers_side_by_side(model_path: Path, tracker: Tracker, tmp_path: P
     assert run(model_path, "--layer", "all", "--out", out) == 0
     frame = frames_of(out)[1].astype(int)
     assert frame.shape == (2 * HEIGHT, 3 * WIDTH, 3)
-    assert np.abs(frame[HEIGHT:, :WIDTH] - tracker.render(1, "mask")).mean() < 3
+    assert np.abs(frame[HEIGHT:, :WIDTH] - render(tracker, 1, ["mask"])[0]).mean() < 3
 
 
 def test_an_odd_size_becomes_even(model_path: Path, tmp_path: Path):
@@ -126,12 +126,10 @@ def test_an_odd_size_becomes_even(model_path: Path, tmp_path: Path):
     assert frames_of(tmp_path / "a.mp4")[0].shape == (18, 22, 3)
 
 
-def test_tracks_on_a_layer_with_trails_in_the_image_or_in_the_scene(
-    model_path: Path, tracker: Tracker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_tracks_on_a_layer_with_trails_in_the_image_or_in_the_scene(write_model: Callable[..., Path], tmp_path: Path):
     """All that the tiny model shows moves as one: with the camera's motion taken out, nothing has a trail."""
-    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 0.0)  # of the tiny model nothing surely is
-    tracker.track([(0, 10, 10), (0, 30, 20)]).save(tmp_path / "tracks.npz")
+    model_path = write_model({META_OBJECT_SHARE: "0.99"})  # of the tiny model all but frame 0 is static then
+    Tracker(model_path).track([(0, 10, 10), (0, 30, 20)]).save(tmp_path / "tracks.npz")
     drawn = {}
     for trails in ("image", "camera"):
         arguments = ["--layer", "dynamic", "--overlay", tmp_path / "tracks.npz", "--trails", trails, "--mark", "cross"]
@@ -226,9 +224,9 @@ def test_a_clip_that_is_not_the_models(model_path: Path, tiny_clip: Path, capsys
 
 @pytest.mark.parametrize("out", ["new", "new.mp4"])
 def test_a_model_without_a_static_scene(
-    model_path: Path, clip_path: Path, out: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    write_model: Callable[..., Path], clip_path: Path, out: str, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(scene_motion, "SURELY_STATIC", 1.0)
+    model_path = write_model({META_OBJECT_SHARE: "0"})
     assert run(model_path, "--remove-objects", "--clip", clip_path, "--out", model_path.parent / out) == 2
     assert "holds nothing in slide to be static" in capsys.readouterr().err
     assert sorted(path.name for path in model_path.parent.iterdir()) == ["model.onnx", "slide"]

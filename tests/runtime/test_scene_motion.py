@@ -99,6 +99,10 @@ def test_the_scene_behind_the_square_moves_with_the_scene():
     assert all(motion.knows(0, frame) for frame in range(FRAMES))
 
 
-def test_a_model_without_a_static_scene():
+@pytest.mark.parametrize(("share", "static", "others"), [(0.1, 0.92, 0.88), (0.5, 0.51, 0.49), (0.02, 0.985, 0.95)])
+def test_the_scene_is_what_no_object_owns(share: float, static: float, others: float):
+    """By the model's own rule: what it follows with the dynamic volume tells nothing of the camera."""
+    motion = follow_scene(TrueTracker(static, object_share=share))
+    np.testing.assert_allclose(motion.carry([(0.0, 0.0)], 3, 5), [2 * SCENE_VELOCITY], atol=0.05)
     with pytest.raises(RenderError, match=r"sliding\.onnx holds nothing in sliding to be static"):
-        follow_scene(TrueTracker(static=0.3))
+        follow_scene(TrueTracker(others, object_share=share))

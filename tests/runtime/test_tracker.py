@@ -176,6 +176,25 @@ def test_sample(tracker: Tracker, count: int):
     np.testing.assert_allclose(appearance.static_opacity, appearance.static_confidence / 2, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("share", "owned"),
+    [("0.1", [0, 1, 2, 3, 4, 5]), (None, [0, 1, 2]), ("0.5", [0, 1, 2]), ("0.2", [0, 1, 2, 3, 4]), ("0.99", [0])],
+)
+def test_who_owns_a_point(tmp_path: Path, share: str | None, owned: list[int]):
+    """Its static confidence is t / 6; a file that does not say (None) is an older one, of half. Half is the scene's."""
+    size = {"num_frames": NUM_FRAMES, "height": HEIGHT, "width": WIDTH}
+    path = write_tiny_model(tmp_path / "model.onnx", **size, metadata={contract.META_OBJECT_SHARE: share})
+    on_object = Tracker(path).on_object([(t, 3, 4) for t in range(NUM_FRAMES)])
+    assert on_object.dtype == np.bool_
+    assert np.flatnonzero(on_object).tolist() == owned
+
+
+def test_nobody_to_own(tracker: Tracker):
+    assert tracker.on_object(np.empty((0, 3))).shape == (0,)
+    with pytest.raises(QueryError, match="query row 0"):
+        tracker.on_object([(0, 99, 4)])
+
+
 def test_a_file_that_does_not_tell_opacity_is_opaque(tmp_path: Path):
     """As those of an earlier version."""
     path = write_tiny_model(

@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from children import child
 from decomo_runtime.view import cli
 from decomo_runtime.view.site import PAGE
 from decomotion.clip import read_clip
@@ -109,9 +109,7 @@ def test_the_folder_served_is_private_and_goes_when_the_command_is_ended(
     temporary.mkdir()
     command = [sys.executable, "-c", "from decomo_runtime.view.cli import main; raise SystemExit(main())"]
     environment = os.environ | {"TMPDIR": str(temporary)}
-    with subprocess.Popen(
-        [*command, model_path, "--no-browser"], env=environment, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with child([*command, model_path, "--no-browser"], environment) as process:
         assert process.stdout is not None
         assert "(Ctrl-C ends)" in process.stdout.readline()
         modes = [folder.stat().st_mode & 0o777 for folder in temporary.glob("decomo-view-*")]

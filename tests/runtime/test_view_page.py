@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
 from hashlib import sha256
 from pathlib import Path
 
-from decomo_runtime import contract
 from decomo_runtime.view.server import CONTENT_SECURITY_POLICY
 from decomo_runtime.view.site import PAGE
 
@@ -57,10 +57,6 @@ def test_page_names_no_other_host():
         assert not re.search(r"https?://|src=\"//", (PAGE / name).read_text())
 
 
-def test_names_are_those_of_the_contract():
-    facts = (WEB / "src" / "model" / "facts.ts").read_text()
-    assert f"FORMAT_VERSION = {contract.FORMAT_VERSION};" in facts
-    for names, ports in (("INPUTS", contract.INPUTS), ("OUTPUTS", contract.OUTPUTS)):
-        listed = re.search(rf"export const {names} = \[(.*?)\]", facts, re.DOTALL)
-        assert listed is not None
-        assert tuple(re.findall(r'"(\w+)"', listed[1])) == ports
+def test_what_the_page_shares_with_the_runtime_is_the_runtime_s():
+    written = runpy.run_path(str(WEB / "contract.py"))
+    assert written["TARGET"].read_text() == written["as_typescript"](), "write it again: python runtime/web/contract.py"

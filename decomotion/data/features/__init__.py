@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decomotion.config import DataConfig
+from decomotion.data.config import DataConfig
 from decomotion.data.features.interface import FeatureExtractor
 from decomotion.errors import SupervisionError
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
 from decomotion.data.features.interface import FeatureExtractor
 from decomotion.data.features.reduction import SAMPLE, Reduction, fit_reduction
@@ -42,8 +43,7 @@ def build_feature_arrays(
     reduction = read_reduction(folder)
     channels = len(reduction.mean) if reduction.vectors is None else reduction.vectors.shape[1]
     place = folder / "feature.npy"
-    mode: Literal["r+", "w+"] = "r+" if readable(place) else "w+"
-    feature = np.lib.format.open_memmap(place, mode=mode, dtype=np.float16, shape=(*points.shape[:2], channels))
+    feature = allocated_memmap(place, np.float16, (*points.shape[:2], channels), keep=readable(place))
     for frame in range(len(clip)):
         file = read / f"{frame}.npy"
         if file.is_file():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from decomotion.config import DisFlowConfig, FlowConfig, FolderFlowConfig, RaftFlowConfig
-from decomotion.data.flow.interface import Field, FlowEstimator, Frame
+from decomotion.data.flow.config import DisFlowConfig, FlowConfig, FolderFlowConfig, RaftFlowConfig
+from decomotion.data.flow.interface import Flow, FlowEstimator, Frame
 
-__all__ = ["Field", "FlowEstimator", "Frame", "build_flow"]
+__all__ = ["Flow", "FlowEstimator", "Frame", "build_flow"]
 
 
 def build_flow(config: FlowConfig, device: str = "cpu") -> FlowEstimator:

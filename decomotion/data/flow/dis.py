@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.config import DisFlowConfig
-from decomotion.data.flow.interface import Field, Frame, Size, enlarged, kept, resized, to_raster
+from decomotion.data.flow.config import DisFlowConfig
+from decomotion.data.flow.interface import Flow, Frame, Size, enlarged, kept, resized, to_raster
+
+MIN_SIDE = 12
+"""OpenCV has no level of its pyramid for smaller frames."""
 
 
 class DisFlow:
@@ -32,11 +35,11 @@ class DisFlow:
         first: Frame,
         second: Frame,
         pair: tuple[int, int] = (0, 1),  # noqa: ARG002
-        start: Field | None = None,
-    ) -> Field:
+        start: Flow | None = None,
+    ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
-        size = enlarged(height, width, self._config.upsample, self._config.max_side)
+        size = enlarged(height, width, self._config.upsample, self._config.max_side, MIN_SIDE)
         begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
         flow = self._dis(guided=start is not None).calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from decomotion.arrays import read_npy
-from decomotion.config import FolderFlowConfig
-from decomotion.data.flow.interface import Field, Frame, kept, to_raster
+from decomotion.data.flow.config import FolderFlowConfig
+from decomotion.data.flow.interface import Flow, Frame, kept, to_raster
 from decomotion.errors import SupervisionError
 
 FLO_MAGIC = 202021.25
@@ -38,8 +38,8 @@ class FolderFlow:
         first: Frame,
         second: Frame,  # noqa: ARG002
         pair: tuple[int, int],
-        start: Field | None = None,  # noqa: ARG002
-    ) -> Field:
+        start: Flow | None = None,  # noqa: ARG002
+    ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         file = self._file(pair)
         if file is None:
@@ -66,17 +66,17 @@ def _stem(pair: tuple[int, int]) -> str:
     return f"{pair[0]}_{pair[1]}"
 
 
-def read_field(file: Path) -> Field:
+def read_field(file: Path) -> Flow:
     """The field [h, w, 2] of a `.npy` or `.flo` file; raises `SupervisionError` where it is none or not finite."""
-    field = read_npy(file, SupervisionError) if file.suffix == ".npy" else _read_flo(file)
-    if field.ndim != 3 or field.shape[2] != 2 or 0 in field.shape or not np.issubdtype(field.dtype, np.floating):
-        raise SupervisionError(f"flow field {file} is {field.dtype} {list(field.shape)}; it must be float [h, w, 2]")
-    if not np.isfinite(field).all():
+    flow = read_npy(file, SupervisionError) if file.suffix == ".npy" else _read_flo(file)
+    if flow.ndim != 3 or flow.shape[2] != 2 or 0 in flow.shape or not np.issubdtype(flow.dtype, np.floating):
+        raise SupervisionError(f"flow field {file} is {flow.dtype} {list(flow.shape)}; it must be float [h, w, 2]")
+    if not np.isfinite(flow).all():
         raise SupervisionError(f"flow field {file} has values that are not finite numbers; replace them")
-    return field.astype(np.float32)
+    return flow.astype(np.float32)
 
 
-def _read_flo(file: Path) -> Field:
+def _read_flo(file: Path) -> Flow:
     try:
         content = file.read_bytes()
         if len(content) < 12 or np.frombuffer(content, "<f4", 1)[0] != np.float32(FLO_MAGIC):

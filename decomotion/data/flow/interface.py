@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Frame = npt.NDArray[np.uint8]
-Field = npt.NDArray[np.float32]
+Flow = npt.NDArray[np.float32]
 Size = tuple[int, int]
 """Width and height in pixels, as OpenCV orders them."""
 
@@ -26,7 +26,7 @@ class FlowEstimator(Protocol):
     field_side: int
     """Longer side in pixels that its fields have at most."""
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None = None) -> Field:
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
         """Flow from `first` to `second`, both [H, W, 3] RGB; `pair` are their numbers in the clip.
 
         `start` is about where pixels lie, on the field's raster; an estimator that is not `guided` ignores it.
@@ -58,11 +58,11 @@ def kept(height: int, width: int, field_side: int) -> Size:
     return enlarged(height, width, 1.0, field_side)
 
 
-def to_raster(field: Field, size: Size) -> Field:
-    """A field brought to another raster of the same image: each axis has its own factor."""
-    height, width = field.shape[:2]
+def to_raster(flow: Flow, size: Size) -> Flow:
+    """A flow brought to another raster of the same image: each axis has its own factor."""
+    height, width = flow.shape[:2]
     if size == (width, height):
-        return field.astype(np.float32)
+        return flow.astype(np.float32)
     smaller = size[0] <= width and size[1] <= height
-    resized = cv2.resize(field, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+    resized = cv2.resize(flow, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
     return (resized * np.array([size[0] / width, size[1] / height])).astype(np.float32)

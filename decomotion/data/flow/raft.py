@@ -9,8 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from decomotion.config import RaftFlowConfig
-from decomotion.data.flow.interface import Field, Frame, enlarged, kept, resized, to_raster
+from decomotion.data.flow.config import RaftFlowConfig
+from decomotion.data.flow.interface import Flow, Frame, enlarged, kept, resized, to_raster
 from decomotion.data.weights import downloaded, read_state
 from decomotion.errors import SupervisionError
 
@@ -54,8 +54,8 @@ class RaftFlow:
         first: Frame,
         second: Frame,
         pair: tuple[int, int] = (0, 1),  # noqa: ARG002
-        start: Field | None = None,  # noqa: ARG002
-    ) -> Field:
+        start: Flow | None = None,  # noqa: ARG002
+    ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
         size = enlarged(height, width, self._config.upsample, self._config.max_side, MIN_SIDE)
@@ -65,8 +65,8 @@ class RaftFlow:
             flow = self._model(*images, num_flow_updates=self._config.iterations)[-1]
         left, _, top, _ = margins
         inside = flow[0, :, top : top + size[1], left : left + size[0]].permute(1, 2, 0)
-        field = np.ascontiguousarray(inside.float().cpu().numpy())
-        return to_raster(field, kept(height, width, self._config.field_side))
+        flow = np.ascontiguousarray(inside.float().cpu().numpy())
+        return to_raster(flow, kept(height, width, self._config.field_side))
 
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """It answers any pair."""

@@ -13,6 +13,7 @@ from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 from decomotion.errors import TrainingError
 from decomotion.options import Duration
+from decomotion.presets import AUTO
 
 
 def _duration(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -25,7 +26,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 @click.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of all results.")
-@click.option("--preset", default="auto", help="As for decomo-train.")
+@click.option("--preset", default=AUTO, help="As for decomo-train.")
 @click.option(
     "--time-budget", callback=_duration, help="Of each video, as for decomo-train.  [default: decomo-train's]"
 )

@@ -46,25 +46,26 @@ class RayEngine:
 
         Raises `EvalError` where Ray is not installed, does not answer or has no room for one attempt.
         """
-        ray = _ray()
-        address = self.address or os.environ.get("RAY_ADDRESS") or "local"
-        try:
-            _check_answers(address)
-            ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
-        except Exception as error:  # Ray raises bare ones too
-            raise EvalError(
-                f"Ray does not answer at {address} ({first_line(error)}); start it, or set RAY_AUTH_MODE=token if it "
-                "asks for a token"
-            ) from error
-        try:
-            remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
+        with _environment():
+            ray = _ray()
+            address = self.address or os.environ.get("RAY_ADDRESS") or "local"
+            try:
+                _check_answers(address)
+                ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
+            except Exception as error:  # Ray raises bare ones too
+                raise EvalError(
+                    f"Ray does not answer at {address} ({first_line(error)}); start it, or set RAY_AUTH_MODE=token if "
+                    "it asks for a token"
+                ) from error
+            try:
+                remote = ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=0)(_attempt)
 
-            def submit(task: Task, number: int) -> Future[Outcome]:
-                return remote.remote(task, number, self.cpus, self.gpus > 0).future()
+                def submit(task: Task, number: int) -> Future[Outcome]:
+                    return remote.remote(task, number, self.cpus, self.gpus > 0).future()
 
-            yield Room(self.jobs or self._room(ray.nodes()), submit)
-        finally:
-            ray.shutdown()
+                yield Room(self.jobs or self._room(ray.nodes()), submit)
+            finally:
+                ray.shutdown()
 
     def _room(self, nodes: list[dict[str, Any]]) -> int:
         """How many attempts fit onto the nodes."""
@@ -89,14 +90,23 @@ def _check_answers(address: str) -> None:
 
 
 def _attempt(task: Task, number: int, threads: int, on_gpu: bool) -> Outcome:
-    if not on_gpu:  # Ray hides what others reserve from those only that reserve some themselves
-        os.environ["CUDA_VISIBLE_DEVICES"] = ""
-    return task.attempt(number, threads)
+    # Ray hides what others reserve from those only that reserve some themselves
+    return task.attempt(number, threads, {} if on_gpu else {"CUDA_VISIBLE_DEVICES": ""})
+
+
+@contextmanager
+def _environment() -> Iterator[None]:
+    """This process's, with `ENVIRONMENT` where it says nothing else, until the block is left."""
+    added = {name: value for name, value in ENVIRONMENT.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
 
 
 def _ray() -> Any:
-    for name, value in ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
     try:
         import ray
     except ModuleNotFoundError as error:

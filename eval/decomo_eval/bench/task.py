@@ -23,11 +23,12 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
-from decomotion.errors import ConfigError
 from decomotion.files import replacing
+from decomotion.presets import AUTO, AUTO_PRESET
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
 """Arguments of python, by stage. A stage is a process of its own: what kills one leaves the others alone."""
@@ -87,12 +88,13 @@ class Task:
         """Writes what an attempt reads. Raises `DatasetError` where a frame does not decode."""
         write_frames(video, self.frames)
 
-    def attempt(self, number: int, threads: int) -> Outcome:
+    def attempt(self, number: int, threads: int, variables: Mapping[str, str] = MappingProxyType({})) -> Outcome:
         """Fits and exports the video. A command that fails is an outcome, not an exception.
 
         Args:
             number: of the attempt, from 1.
             threads: of OpenMP, and so of torch.
+            variables: further ones of the commands' environment.
         """
         if not self.frames.is_dir():
             where = f"{self.frames} is not there on {platform.node()}"
@@ -106,7 +108,7 @@ class Task:
             "train": (str(self.frames), "--out", str(run), "--shots", "ignore", *self.options),
             "export": (str(model), "--run", str(run)),
         }
-        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads)}
+        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads), **variables}
         with open(self.folder / "log.txt", "wb") as log:
             for stage, command in self.commands.items():
                 begin, line = time.monotonic(), [sys.executable, *command, *arguments[stage]]
@@ -150,16 +152,11 @@ def command_options(
 ) -> tuple[str, ...]:
     """decomo-train's options of every task.
 
-    Raises `ConfigError` where it would refuse them; with the preset `auto`, on every machine.
+    Raises `ConfigError` where it would refuse them.
     """
     from decomotion.config import load
 
-    try:
-        load("cpu" if preset == "auto" else preset, overrides=tuple(overrides))
-    except ConfigError:
-        if preset != "auto":
-            raise
-        load("paper", overrides=tuple(overrides))
+    load(AUTO_PRESET if preset == AUTO else preset, overrides=tuple(overrides))
     budget = [*(["--time-budget", time_budget] if time_budget else []), *(["--steps", str(steps)] if steps else [])]
     settings = [part for override in overrides for part in ("--set", override)]
     return ("--preset", preset, "--seed", str(seed), *budget, *settings)

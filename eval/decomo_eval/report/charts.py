@@ -1,131 +1,104 @@
-"""Plots as SVG text: no library, no script. `STYLE` goes into a page's style sheet; `standalone` makes a file."""
+"""The report's plots, drawn by matplotlib: each function gives one as the text of an SVG file."""
 
 from __future__ import annotations
 
+import io
 import math
-import re
-from collections.abc import Mapping, Sequence
-from html import escape
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
+from decomo_eval.errors import EvalError
 from decomo_eval.metrics import THRESHOLDS
 
-ROW, LABEL, BAR = 18, 170, 420
-"""Pixels: height of a bar's row, width of the labels, length of a bar of 100 %."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 MOST_BARS = 40
 """A benchmark of a thousand videos is a table; the plot shows its lower end."""
+LONGEST_NAME = 24
+"""Characters of a video's name."""
+WIDTH, HEIGHT, ROW = 6.4, 3.2, 0.22
+"""Inches; the last of one bar."""
+STYLE: Any = {
+    "svg.fonttype": "none",  # text remains text
+    "svg.hashsalt": "decomotion",  # no chance in names
+    "text.parse_math": False,  # names may have dollars
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.alpha": 0.3,
+    "font.size": 9,
+}
 
-STYLE = """
-  svg text { font: 12px system-ui, sans-serif; fill: currentColor; }
-  .bar { fill: var(--one); } .mean { stroke: var(--two); stroke-width: 1.5; } .grid { stroke: var(--rule); }
-  polyline { fill: none; stroke-width: 2; }
-  polyline.pts_within { stroke: var(--one); } polyline.jaccard { stroke: var(--two); }
-  circle.pts_within { fill: var(--one); } circle.jaccard { fill: var(--two); }
-"""
-"""CSS of all plots; the page chooses the colours `--one`, `--two` and `--rule`."""
-COLOURS = {"--one": "#2b6cb0", "--two": "#c05621", "--rule": "#d7dce1"}
-"""Where there is no page."""
 
-_LEFT, _TOP, _WIDTH, _HEIGHT = 44, 12, 380, 200
+def check_drawing() -> None:
+    """Raises `EvalError` where matplotlib is not installed."""
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise EvalError("reports and plots need matplotlib; run: pip install 'decomotion[report]'") from error
 
 
 def video_bars(values: Mapping[str, float], mean: float, title: str) -> str:
     """Horizontal bars of shares 0..1, least first, with a line at the mean; undefined values are left out."""
     defined = sorted((value, name) for name, value in values.items() if not math.isnan(value))[:MOST_BARS]
-    height = ROW * len(defined) + 24
-    parts = [_open(LABEL + BAR + 60, height, title)]
-    for row, (value, name) in enumerate(defined):
-        y = ROW * row + 4
-        parts.append(f'<text x="{LABEL - 8}" y="{y + 10}" text-anchor="end">{escape(_short(name))}</text>')
-        parts.append(f'<rect class="bar" x="{LABEL}" y="{y}" width="{value * BAR:.1f}" height="{ROW - 6}"/>')
-        parts.append(f'<text x="{LABEL + value * BAR + 5:.1f}" y="{y + 10}">{100 * value:.1f}</text>')
-    if not math.isnan(mean):
-        x = LABEL + mean * BAR
-        parts.append(f'<line class="mean" x1="{x:.1f}" y1="0" x2="{x:.1f}" y2="{height - 18}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{height - 5}" text-anchor="middle">mean {100 * mean:.1f}</text>')
-    return "".join([*parts, "</svg>"])
+    with _drawn(title, 0.7 + ROW * len(defined)) as (axes, svg):
+        bars = axes.barh(range(len(defined)), [100 * value for value, _ in defined], gid="bars")
+        axes.bar_label(bars, fmt="%.1f", padding=3)
+        axes.set_yticks(range(len(defined)), [_short(name) for _, name in defined])
+        axes.invert_yaxis()
+        axes.set(xlim=(0, 100), xlabel="%")
+        axes.grid(visible=False, axis="y")
+        if not math.isnan(mean):
+            axes.axvline(100 * mean, color="C1", label=f"mean {100 * mean:.1f}")
+            axes.figure.legend(loc="outside upper right")
+    return svg.getvalue()
 
 
 def threshold_curves(metrics: Mapping[str, float], title: str) -> str:
     """Share of points within each threshold and Jaccard at it, over the thresholds, which double from 1 to 16."""
-    parts = [_open(_LEFT + _WIDTH + 130, _TOP + _HEIGHT + 40, title)]
-    for percent in range(0, 101, 25):
-        y = _y(percent / 100)
-        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{y:.1f}" x2="{_LEFT + _WIDTH}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{percent}</text>')
-    for position, threshold in enumerate(THRESHOLDS):
-        parts.append(f'<text x="{_x(position):.1f}" y="{_TOP + _HEIGHT + 16}" text-anchor="middle">{threshold}</text>')
-    middle = _LEFT + _WIDTH / 2
-    parts.append(f'<text x="{middle}" y="{_TOP + _HEIGHT + 34}" text-anchor="middle">pixels at 256x256</text>')
-    for kind, label in (("pts_within", "within"), ("jaccard", "Jaccard")):
-        parts.extend(_curve([metrics[f"{kind}_{threshold}"] for threshold in THRESHOLDS], kind, label))
-    return "".join([*parts, "</svg>"])
+    with _drawn(title) as (axes, svg):
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(THRESHOLDS, [f"{threshold}" for threshold in THRESHOLDS])
+        axes.set(xlabel="pixels at 256x256", ylabel="%", ylim=(0, 100))
+        for kind, label in (("pts_within", "within"), ("jaccard", "Jaccard")):
+            shares = [100 * metrics[f"{kind}_{threshold}"] for threshold in THRESHOLDS]
+            if not all(map(math.isnan, shares)):
+                axes.plot(THRESHOLDS, shares, marker="o", label=f"{label} {shares[-1]:.1f}", gid=kind)
+        if axes.lines:
+            axes.legend()
+    return svg.getvalue()
 
 
 def error_over_time(errors: Sequence[float], title: str) -> str:
     """Error in pixels at 256x256 over the frames between query and answer, `errors[0]` at none; nan is left out."""
     shown = [(gap, float(error)) for gap, error in enumerate(errors) if not math.isnan(error)]
-    most = _round_up(max((error for _, error in shown), default=1.0))
-    longest = _round_up(max(4, len(errors) - 1))
-    parts = [_open(_LEFT + _WIDTH + 130, _TOP + _HEIGHT + 40, title)]
-    for quarter in range(5):
-        y, x = _y(quarter / 4), _LEFT + _WIDTH * quarter / 4
-        parts.append(f'<line class="grid" x1="{_LEFT}" y1="{y:.1f}" x2="{_LEFT + _WIDTH}" y2="{y:.1f}"/>')
-        parts.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{most * quarter / 4:g}</text>')
-        parts.append(
-            f'<text x="{x:.1f}" y="{_TOP + _HEIGHT + 16}" text-anchor="middle">{longest * quarter / 4:g}</text>'
-        )
-    middle = _LEFT + _WIDTH / 2
-    parts.append(f'<text x="{middle}" y="{_TOP + _HEIGHT + 34}" text-anchor="middle">frames from the query</text>')
-    places = [(_LEFT + _WIDTH * gap / longest, _y(error / most)) for gap, error in shown]
-    if places:
-        parts.extend(_line(places, "pts_within", f"{shown[-1][1]:.2f} px"))
-    return "".join([*parts, "</svg>"])
+    with _drawn(title) as (axes, svg):
+        axes.set(xlabel="frames from the query", ylabel="pixels at 256x256")
+        if shown:
+            axes.plot(*zip(*shown, strict=True), label=f"in the end {shown[-1][1]:.2f} px", gid="error")
+            axes.legend()
+        axes.set_xlim(0, max(4, len(errors) - 1))
+        axes.set_ylim(bottom=0)
+    return svg.getvalue()
 
 
-def standalone(svg: str) -> str:
-    """A plot as a file of its own, on white."""
-    style = re.sub(r"var\((--\w+)\)", lambda name: COLOURS[name[1]], STYLE)
-    head, body = svg.split(">", 1)
-    ground = '<rect width="100%" height="100%" fill="#fff"/>'
-    return f'{head} xmlns="http://www.w3.org/2000/svg" color="#1b1f24"><style>{style}</style>{ground}{body}\n'
+@contextmanager
+def _drawn(title: str, height: float = HEIGHT) -> Iterator[tuple[Axes, io.StringIO]]:
+    """Axes to draw on, and where the SVG is once that is done. Nothing of matplotlib's own settings stays changed."""
+    import matplotlib
+    from matplotlib.figure import Figure
 
-
-def _curve(shares: Sequence[float], kind: str, label: str) -> list[str]:
-    places = [(_x(position), _y(share)) for position, share in enumerate(shares) if not math.isnan(share)]
-    if not places:
-        return []
-    marks = [f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>' for x, y in places]
-    return [*_line(places, kind, f"{label} {100 * shares[-1]:.1f}"), *marks]
-
-
-def _line(places: Sequence[tuple[float, float]], kind: str, label: str) -> list[str]:
-    """A line, with its label at the end."""
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
-    x, y = places[-1]
-    return [
-        f'<polyline class="{kind}" points="{line}"/>',
-        f'<text x="{x + 8:.1f}" y="{y + 4:.1f}">{label}</text>',
-    ]
-
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 4, 8, 10, 20, ... (times a power of ten): four equal parts of it are legible."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-3)))
-    return next(step * power for step in (1, 2, 4, 8, 10) if step * power >= value * (1 - 1e-9))
-
-
-def _x(position: int) -> float:
-    return _LEFT + _WIDTH * position / (len(THRESHOLDS) - 1)
-
-
-def _y(share: float) -> float:
-    return _TOP + _HEIGHT * (1 - share)
-
-
-def _open(width: int, height: int, title: str) -> str:
-    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
-    return f'<svg role="img" {size}><title>{escape(title)}</title>'
+    svg = io.StringIO()
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph ")  # in a name; who opens the file has a font with it
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        yield figure.subplots(), svg
+        figure.savefig(svg, format="svg", metadata={"Title": title, "Date": None, "Creator": None})
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= 24 else f"{name[:23]}…"
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"

@@ -1,4 +1,4 @@
-"""The report's plots, within its page and as files of their own: one way to make them."""
+"""The report's plots, for its page and as files of their own: one way to make them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval.metrics import counted_frames
-from decomo_eval.report.charts import error_over_time, standalone, threshold_curves, video_bars
+from decomo_eval.report.charts import check_drawing, error_over_time, threshold_curves, video_bars
 from decomo_eval.scoring import Report, Scored
 from decomotion.files import replacing
 
@@ -20,9 +20,12 @@ class Plots:
 
     Args:
         query_mode: of the evaluation, `strided` or `first`.
+
+    Raises: `EvalError` where matplotlib is not installed.
     """
 
     def __init__(self, query_mode: str) -> None:
+        check_drawing()
         self._query_mode = query_mode
         self._errors: list[FloatArray] = []
 
@@ -31,7 +34,7 @@ class Plots:
         self._errors.append(median_error_by_gap(scored, self._query_mode))
 
     def svg(self, report: Report) -> dict[str, str]:
-        """Each plot by its name, to be put into a page that has `charts.STYLE`."""
+        """Each plot by its name."""
         jaccards = {name: metrics["average_jaccard"] for name, metrics in report.videos.items()}
         return {
             "thresholds": threshold_curves(report.mean, "Share of points within a threshold, and Jaccard"),
@@ -45,7 +48,7 @@ class Plots:
         for name, svg in self.svg(report).items():
             paths.append(Path(folder) / f"{name}.svg")
             with replacing(paths[-1]) as temporary:
-                temporary.write_text(standalone(svg), encoding="utf-8")
+                temporary.write_text(svg, encoding="utf-8")
         return paths
 
 

@@ -14,7 +14,6 @@ from types import TracebackType
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.report.charts import STYLE
 from decomo_eval.report.clips import NEAR, WorstClips
 from decomo_eval.report.plots import Plots
 from decomo_eval.report.published import published
@@ -81,9 +80,8 @@ class ReportWriter:
             report=report,
             columns=COLUMNS,
             plots=self._plots.svg(report),
-            plot_style=STYLE,
             clips=self._worst.clips,
-            base64=lambda data: base64.b64encode(data).decode("ascii"),
+            data_uri=_data_uri,
             near=NEAR,
             published=published(report.query_mode),
             date=time.strftime("%Y-%m-%d"),
@@ -93,3 +91,9 @@ class ReportWriter:
             is_nan=math.isnan,
             nan=math.nan,
         )
+
+
+def _data_uri(content: bytes | str, kind: str) -> str:
+    """An image within the page."""
+    encoded = content.encode("utf-8") if isinstance(content, str) else content
+    return f"data:image/{kind};base64,{base64.b64encode(encoded).decode('ascii')}"

@@ -1,6 +1,7 @@
 /** The clip's own frames, decoded one by one and kept as long as there is room. */
 
 import { InputError, type ModelFacts } from "./model/facts";
+import { frameOrder } from "./order";
 
 const CACHE_BYTES = 512 * 2 ** 20;
 const AHEAD = 6;
@@ -33,16 +34,16 @@ export class Clip {
     checkClip("the clip", this.length, this.facts, facts);
   }
 
-  /** Opens image files as a clip, in natural order; `InputError` where they are not the clip of the model. */
+  /** Opens image files as a clip, in the order of frames; `InputError` where they are not the clip of the model. */
   static async fromFiles(
     files: readonly File[],
     facts: ModelFacts,
     onFrame: () => void,
     onError: (error: Error) => void,
   ): Promise<Clip> {
-    const byName = new Intl.Collator("en", { numeric: true });
-    const ordered = [...files].sort((a, b) => byName.compare(a.name, b.name));
-    const first = ordered[0];
+    const named = new Map(files.map((file) => [file.name, file]));
+    const ordered = frameOrder(files.map(({ name }) => name)).flatMap((name) => named.get(name) ?? []);
+    const [first] = ordered;
     const picture = first && (await createImageBitmap(first).catch(() => undefined));
     if (first === undefined || picture === undefined) {
       throw new InputError(`${first?.name ?? "the clip"} does not decode as an image; give the frames of the clip.`);

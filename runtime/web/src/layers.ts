@@ -1,21 +1,20 @@
 /** The layers that the model renders, coarse first, on rasters that cover the image. */
 
 import type { Size } from "./geometry";
+import { FARTHEST, HOLE, LAYERS as RENDERED } from "./model/contract";
 import type { ModelFacts } from "./model/facts";
 import type { Appearance } from "./model/protocol";
 
-export const LAYERS = ["clip", "fused", "static", "dynamic", "mask", "depth"] as const;
+export type Rendered = (typeof RENDERED)[number];
+/** What can be shown of a frame: its own picture, and what the model renders. */
+export const LAYERS = ["clip", ...RENDERED] as const;
 export type Layer = (typeof LAYERS)[number];
-export type Rendered = Exclude<Layer, "clip">;
 
 /** Longer sides of the rasters, in pixels; frames not shown are rendered ahead up to `AHEAD_LEVEL`. */
 const SIDES = [48, 128, 384] as const;
 const AHEAD_LEVEL = 1;
 const RAYS = { first: 512, least: 128, most: 16384 };
 const SECONDS_PER_REQUEST = 0.05;
-const FARTHEST = 2;
-/** Opacity of the static volume below which its layer becomes transparent. */
-const HOLE = 0.1;
 
 /** One frame's layers on one raster, RGBA: the static scene is transparent where it was never seen, as `dynamic` where
  * nothing moves. */

@@ -1,18 +1,13 @@
 /** Starts the page: what the browser lacks is said first, then the model and clip beside the page are opened. */
 
 import { App } from "./app";
-import type { ClipRecord } from "./clip";
 import { InputError } from "./model/facts";
+import { readSite } from "./site";
 import { listenToFiles } from "./ui/files";
 import { listenToKeys } from "./ui/keys";
 import { View } from "./ui/view";
 
-/** `site.json`, written by `decomo-view`: paths are relative to the page. */
-interface Site {
-  readonly model: string;
-  readonly clip: ClipRecord | null;
-}
-
+const OPEN_ONE = "Open a model, or drop one here: the .onnx file that 'decomo-export' wrote.";
 /** A function in WebAssembly that holds an instruction of SIMD. */
 const SIMD = [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11];
 
@@ -23,12 +18,20 @@ async function start(): Promise<void> {
     view.loading("");
     throw new InputError(`This browser has no ${lacking}, which the page needs; use a current Chrome, Edge, Firefox or Safari.`);
   }
+  await openSite().catch((error: unknown) => {
+    view.loading(OPEN_ONE);
+    throw error;
+  });
+}
+
+/** Opens the model and the clip beside the page, where there are some. */
+async function openSite(): Promise<void> {
   const response = await fetch("site.json");
   if (!response.ok) {
-    view.loading("Open a model, or drop one here: the .onnx file that 'decomo-export' wrote.");
+    view.loading(OPEN_ONE);
     return;
   }
-  const site = (await response.json()) as Site;
+  const site = readSite(await response.text());
   const model = await fetch(site.model);
   if (!model.ok) throw new InputError(`${site.model} cannot be loaded from where the page lies; copy it there again.`);
   await app.openModel(await model.arrayBuffer(), site.model);

@@ -26,6 +26,18 @@ function opened(length: number, side: number): { clip: Clip; asked: number[] } {
 const settled = (): Promise<void> => new Promise((done) => setTimeout(done, 20));
 
 describe("frames of a clip", () => {
+  it("come from files in the order in which the model's were read, not in the browser's", async () => {
+    const names = ["shot (10).png", "shot.png", "Shot (2).png", "shot (1).png"];
+    vi.stubGlobal("createImageBitmap", async ({ name }: File) => ({ name, width: 8, height: 4, close: () => undefined }));
+    const facts = { clipName: "slide", numFrames: 4, width: 8, height: 4 } as ModelFacts;
+    const files = names.map((name) => new File([], name));
+    const clip = await Clip.fromFiles(files, facts, () => undefined, () => undefined);
+    const shown = await Promise.all([0, 1, 2, 3].map((frame) => clip.wait(frame) as Promise<unknown>));
+    expect(shown).toMatchObject(["shot.png", "shot (1).png", "Shot (2).png", "shot (10).png"].map((name) => ({ name })));
+    const mixed = Clip.fromFiles([...files, new File([], "shot.jpg")], facts, () => undefined, () => undefined);
+    await expect(mixed).rejects.toThrow("shot.jpg and shot.png differ in their ending alone");
+  });
+
   it("come all, once, with the first that is shown, it and those after it before the others", async () => {
     const { clip, asked } = opened(40, 16);
     expect(clip.get(30)).toBeUndefined();

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { INPUTS, InputError, OUTPUTS, readFacts } from "../src/model/facts";
+import { INPUTS, OUTPUTS } from "../src/model/contract";
+import { InputError, readFacts } from "../src/model/facts";
 
 const METADATA: Record<string, string> = {
   "decomotion.format_version": "1",
@@ -62,6 +63,7 @@ describe("readFacts", () => {
   });
 
   it.each([
+    ["format_version", "first"],
     ["num_frames", "0"],
     ["width", "1.5"],
     ["fps", "inf"],

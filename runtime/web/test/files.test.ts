@@ -1,4 +1,4 @@
-import { unzipSync } from "fflate";
+import { unzipSync, zipSync } from "fflate";
 import { describe, expect, it } from "vitest";
 import { readNpy, writeNpy } from "../src/files/npy";
 import { readPoints } from "../src/files/read";
@@ -67,8 +67,27 @@ describe("files of points", () => {
     ]);
   });
 
+  it("takes semicolons and tabs for commas, and quoted cells", () => {
+    for (const text of ["t;x;y\n1;2.5;3\n", "t\tx\ty\n1\t2.5\t3\n", '"t","x","y"\n"1","2.5","3"\n']) {
+      expect(readPoints("p.csv", bytes(text), FACTS)).toEqual([{ t: 1, x: 2.5, y: 3 }]);
+    }
+  });
+
+  it("refuses text of another encoding", () => {
+    const utf16 = Uint8Array.from([0xff, 0xfe, ...[..."t,x,y\n"].flatMap((letter) => [letter.charCodeAt(0), 0])]);
+    expect(() => readPoints("p.csv", utf16, FACTS)).toThrow("p.csv is not text in UTF-8; save it as such.");
+  });
+
+  it.each([[[-1, 3]], [[0.5, 3]], [[Number.NaN, 3]]])("refuses an array of the shape %s", (shape) => {
+    const file = zipSync({ "queries.npy": writeNpy("<f4", shape, [0, 1, 2]) });
+    expect(() => readPoints("p.npz", file, FACTS)).toThrow("p.npz: queries is an array of no shape");
+  });
+
   it.each([
     ["p.csv", "x,y\n1,2\n", "no column t"],
+    ["p.csv", "t,x,y,T\n0,1,2,0\n", "it has no column t, or more than one"],
+    ["p.csv", 't,x,y\n0,1,2\n0,,1"2,3\n', "row 1 (counted from 0) has 4 values, not 3"],
+    ["p.csv", 't,x,y,name\n0,1,2,"a\n0,1,2,b\n', "row 0 (counted from 0) has a quote that is not closed"],
     ["p.csv", "t,x,y\n0,1\n", "row 0 (counted from 0) has 2 values, not 3"],
     ["p.csv", "t,x,y\n0,1,2\n0,one,2\n", "point 1 (counted from 0): t, x and y must be finite numbers"],
     ["p.csv", "t,x,y\n2,1,2\n", "within 0 .. 1, the clip's frames"],
@@ -79,6 +98,8 @@ describe("files of points", () => {
     ["p.json", '{"version": 2, "points": []}', "has version 2 but this page reads up to 1"],
     ["p.json", '{"clip": {"num_frames": 3}, "points": []}', "a clip whose num_frames is 3 but the model was fitted to c"],
     ["p.json", '{"clip": {"num_frames": 2, "width": 8}, "points": []}', "whose width is 8"],
+    ["p.json", '{"version": {"valueOf": 1, "toString": 1}, "points": []}', "has version {"],
+    ["p.json", '{"clip": {"width": {"valueOf": 1, "toString": 1}}, "points": []}', "whose width is {"],
     ["p.npz", "PK", "not an npz file"],
     ["p.txt", "", "nothing that this page opens"],
   ])("refuses %s with %j", (name, text, sentence) => {

@@ -47,20 +47,23 @@ export function readNpy(bytes: Uint8Array, name: string): NumberArray {
     .split(",")
     .filter((part) => part.trim() !== "")
     .map(Number);
-  const read = READERS[dtype];
+  const read = READERS.get(dtype);
   const count = shape.reduce((product, length) => product * length, 1);
   const width = Number(dtype.slice(2));
+  if (shape.some((length) => !Number.isInteger(length) || length < 0)) {
+    throw new InputError(`${name} is an array of no shape; write the file with 'decomo-track'.`);
+  }
   if (read === undefined || /'fortran_order':\s*True/.test(header) || bytes.length < start + size + count * width) {
     throw new InputError(`${name} holds ${dtype || "unknown values"} that this page does not read; use float32 rows.`);
   }
   return { shape, values: Array.from({ length: count }, (_, index) => read(view, start + size + index * width)) };
 }
 
-const READERS: Record<string, (view: DataView, at: number) => number> = {
-  "<f4": (view, at) => view.getFloat32(at, true),
-  "<f8": (view, at) => view.getFloat64(at, true),
-  "<i8": (view, at) => Number(view.getBigInt64(at, true)),
-  "<i4": (view, at) => view.getInt32(at, true),
-  "|b1": (view, at) => view.getUint8(at),
-  "|u1": (view, at) => view.getUint8(at),
-};
+const READERS = new Map<string, (view: DataView, at: number) => number>(Object.entries({
+  "<f4": (view: DataView, at: number) => view.getFloat32(at, true),
+  "<f8": (view: DataView, at: number) => view.getFloat64(at, true),
+  "<i8": (view: DataView, at: number) => Number(view.getBigInt64(at, true)),
+  "<i4": (view: DataView, at: number) => view.getInt32(at, true),
+  "|b1": (view: DataView, at: number) => view.getUint8(at),
+  "|u1": (view: DataView, at: number) => view.getUint8(at),
+}));

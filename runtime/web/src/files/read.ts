@@ -1,6 +1,7 @@
 /** Points from files that this page or `decomo-track` wrote. Tracks in them are not taken over but asked for anew. */
 
 import { unzipSync } from "fflate";
+import Papa from "papaparse";
 import { InputError, type ModelFacts } from "../model/facts";
 import type { Draft } from "../points";
 import { type NumberArray, readNpy } from "./npy";
@@ -32,12 +33,16 @@ function check({ t, x, y }: Draft, where: string, { numFrames, width, height }: 
   }
 }
 
+/** The delimiter is told by the file: a comma, a semicolon, a tab. */
 function readCsv(bytes: Uint8Array, name: string): Draft[] {
-  const [header, ...rows] = csvRows(new TextDecoder().decode(bytes));
-  const columns = (header ?? []).map((column) => column.trim().toLowerCase());
-  const missing = ["t", "x", "y"].filter((column) => !columns.includes(column));
+  const { data, errors } = Papa.parse<string[]>(textOf(bytes, name), { skipEmptyLines: true });
+  const broken = errors.find(({ type }) => type === "Quotes");
+  if (broken) throw new InputError(`${name}, row ${(broken.row ?? 1) - 1} (counted from 0) has a quote that is not closed; mend it.`);
+  const [header = [], ...rows] = data;
+  const columns = header.map((column) => column.trim().toLowerCase());
+  const missing = ["t", "x", "y"].filter((column) => columns.indexOf(column) !== columns.lastIndexOf(column) || !columns.includes(column));
   if (missing.length > 0) {
-    throw new InputError(`${name} must begin with the header t,x,y; it has no column ${missing.join(", ")}.`);
+    throw new InputError(`${name} must begin with the header t,x,y; it has no column ${missing.join(", ")}, or more than one.`);
   }
   return rows.map((row, index) => {
     if (row.length !== columns.length) {
@@ -49,21 +54,19 @@ function readCsv(bytes: Uint8Array, name: string): Draft[] {
   });
 }
 
-/** Rows of a csv text, quoted cells included; empty lines are left out. */
-function csvRows(text: string): string[][] {
-  const rows: string[][] = [[]];
-  for (const [cell, quotedCell, plainCell, end] of text.matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
-    rows.at(-1)?.push(quotedCell?.replaceAll('""', '"') ?? plainCell ?? "");
-    if (end !== ",") rows.push([]);
-    if (cell === "") break;
+function textOf(bytes: Uint8Array, name: string): string {
+  try {
+    return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
+  } catch {
+    throw new InputError(`${name} is not text in UTF-8; save it as such.`);
   }
-  return rows.filter((row) => row.length > 1 || (row[0] ?? "") !== "");
 }
 
 function readJson(bytes: Uint8Array, name: string, facts: ModelFacts): Draft[] {
   let content: { format?: unknown; version?: unknown; clip?: Record<string, unknown>; points?: unknown } | null;
+  const text = textOf(bytes, name);
   try {
-    content = JSON.parse(new TextDecoder().decode(bytes));
+    content = JSON.parse(text);
   } catch {
     throw new InputError(`${name} is not JSON, or it is cut short; write it with this page.`);
   }
@@ -71,9 +74,9 @@ function readJson(bytes: Uint8Array, name: string, facts: ModelFacts): Draft[] {
   if (format !== JSON_FORMAT || !Array.isArray(points)) {
     throw new InputError(`${name} is no file of points, or has no list 'points'; write it with this page.`);
   }
-  if (Number(version) > JSON_VERSION) {
+  if (typeof version !== "number" || version > JSON_VERSION) {
     throw new InputError(
-      `${name} has version ${version} but this page reads up to ${JSON_VERSION}; upgrade with 'pip install -U decomotion', ` +
+      `${name} has version ${JSON.stringify(version)} but this page reads up to ${JSON_VERSION}; upgrade with 'pip install -U decomotion', ` +
         "or save the points as CSV.",
     );
   }
@@ -111,7 +114,7 @@ function checkClip(name: string, told: Readonly<Record<string, unknown>>, { clip
   for (const [key, own] of Object.entries({ num_frames: numFrames, height, width })) {
     if (told[key] !== undefined && told[key] !== own) {
       throw new InputError(
-        `${name} has points of a clip whose ${key} is ${told[key]} but the model was fitted to ${clipName}, whose ${key} is ` +
+        `${name} has points of a clip whose ${key} is ${JSON.stringify(told[key])} but the model was fitted to ${clipName}, whose ${key} is ` +
           `${own}; give points of that clip.`,
       );
     }

@@ -1,6 +1,7 @@
 /** The points as files: what `decomo-track` reads and writes, and JSON with all that the page knows. */
 
 import { zipSync } from "fflate";
+import Papa from "papaparse";
 import type { ModelFacts } from "../model/facts";
 import type { Point } from "../points";
 import { writeNpy } from "./npy";
@@ -10,8 +11,8 @@ export const JSON_VERSION = 1;
 
 /** A line for each point, header `t,x,y,name,colour`: `decomo-track --queries` takes it. */
 export function pointsCsv(points: readonly Point[]): string {
-  const lines = points.map(({ t, x, y, name, colour }) => [t, x, y, quoted(name), colour].join(","));
-  return `${["t,x,y,name,colour", ...lines].join("\n")}\n`;
+  const fields = ["t", "x", "y", "name", "colour"];
+  return `${Papa.unparse({ fields, data: points.map(({ t, x, y, name, colour }) => [t, x, y, name, colour]) }, { newline: "\n" })}\n`;
 }
 
 /** A line for each point and frame, as `decomo-track --out tracks.csv`. */
@@ -59,5 +60,3 @@ export function pointsJson(points: readonly Point[], facts: ModelFacts): string 
 }
 
 const rounded = (value: number | undefined): number => Math.round((value ?? 0) * 10000) / 10000;
-
-const quoted = (text: string): string => (/[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);

@@ -1,23 +1,6 @@
-/**
- * What an exported .onnx file says about itself, read from its bytes without onnxruntime.
- *
- * The names are those of `runtime/decomo_runtime/contract.py`.
- */
+/** What an exported .onnx file says about itself, read from its bytes without onnxruntime. */
 
-export const FORMAT_VERSION = 1;
-export const INPUTS = ["queries", "frames"] as const;
-export const OUTPUTS = [
-  "tracks",
-  "occlusion",
-  "rgb",
-  "rgb_static",
-  "rgb_dynamic",
-  "static_confidence",
-  "depth",
-  "static_opacity",
-] as const;
-/** Those that files of every version have. */
-const REQUIRED_OUTPUTS = OUTPUTS.slice(0, -1);
+import { FORMAT_VERSION, INPUTS, REQUIRED_OUTPUTS } from "./contract";
 
 const WRITE_ONE = "write one with 'decomo-export'";
 
@@ -42,6 +25,9 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
   const version = file.metadata.get("decomotion.format_version");
   if (version === undefined) {
     throw new InputError(`${name} is an ONNX file but holds no decomotion model; ${WRITE_ONE}.`);
+  }
+  if (!(Number(version) >= 1)) {
+    throw new InputError(`${name} has the impossible metadata decomotion.format_version = '${version}'; export the model again.`);
   }
   if (Number(version) > FORMAT_VERSION) {
     throw new InputError(

@@ -1,17 +1,11 @@
 /** What the page and the worker that runs the model say to each other. */
 
+import type { APPEARANCE } from "./contract";
+
 export type Backend = "wasm" | "webgpu";
 
-/** Colours and the rest along N rays, as the model file names them. */
-export interface Appearance {
-  readonly rgb: Float32Array;
-  readonly rgb_static: Float32Array;
-  readonly rgb_dynamic: Float32Array;
-  readonly static_confidence: Float32Array;
-  readonly depth: Float32Array;
-  /** 1 in files that do not say. */
-  readonly static_opacity: Float32Array;
-}
+/** Colours and the rest along N rays, as the model file names them; `static_opacity` is 1 in files that do not say. */
+export type Appearance = Readonly<Record<(typeof APPEARANCE)[number], Float32Array>>;
 
 export interface Tracked {
   /** [N, M, 2], (x, y) in pixels of the clip. */

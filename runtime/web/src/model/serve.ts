@@ -1,12 +1,12 @@
 /** Runs the model in a worker, one request after the other, so that the page never waits. */
 
 import type * as Ort from "onnxruntime-web";
+import { APPEARANCE, TRACKING } from "./contract";
 import type { Answer, Appearance, Backend, Opened, Request, Tracked } from "./protocol";
 
 type Runtime = typeof Ort;
 
 const ERRORS_ONLY = "error";
-const LOOKS = ["rgb", "rgb_static", "rgb_dynamic", "static_confidence", "depth", "static_opacity"] as const;
 
 /** Answers the page's requests with `ort`, whose binary is `runtime/<backend>.wasm.gz`. */
 export function serve(ort: Runtime): void {
@@ -22,8 +22,8 @@ export function serve(ort: Runtime): void {
     }
     if (session === undefined) throw new Error("no model is open");
     return request.kind === "track"
-      ? ask(ort, session, ["tracks", "occlusion"], request.args.queries, request.args.numFrames)
-      : ask(ort, session, LOOKS, request.args.queries, 0);
+      ? ask(ort, session, TRACKING, request.args.queries, request.args.numFrames)
+      : ask(ort, session, APPEARANCE, request.args.queries, 0);
   }
 
   self.onmessage = ({ data: request }: MessageEvent<Request>) => {

@@ -7,7 +7,8 @@ import { InputError } from "../model/facts";
 import { download, element } from "./dom";
 import type { View } from "./view";
 
-const IMAGES = /\.(jpe?g|png|webp)$/i;
+/** Frames, as `decomo-train` takes them of a folder: macOS adds ._name.jpg to copies. */
+const FRAME = /^[^.].*\.(jpe?g|png)$/is;
 const VIDEOS = /\.(mp4|mov|mkv|webm|avi|m4v)$/i;
 
 export function listenToFiles(app: App, view: View): void {
@@ -37,7 +38,7 @@ async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<Fi
   const files = entries.map(async (entry) => {
     if (entry === null) return [];
     if (!entry.isDirectory) return [await fileOf(entry)];
-    const images = (await entriesIn(entry)).filter(({ isFile, name }) => isFile && IMAGES.test(name) && !name.startsWith("."));
+    const images = (await entriesIn(entry)).filter(({ isFile, name }) => isFile && FRAME.test(name));
     if (images.length === 0) throw new InputError(`${entry.name} holds no images; drop the folder with the frames of the clip.`);
     return Promise.all(images.map(fileOf));
   });
@@ -60,7 +61,7 @@ async function entriesIn(folder: FileSystemEntry): Promise<FileSystemEntry[]> {
 /** A model first, so that frames or points opened with it meet it. */
 async function openFiles(files: readonly File[], app: App, view: View): Promise<void> {
   view.dismiss();
-  const images = files.filter(({ name }) => IMAGES.test(name));
+  const images = files.filter(({ name }) => FRAME.test(name));
   const model = files.find(({ name }) => /\.onnx$/i.test(name));
   const others = files.filter((file) => file !== model && !images.includes(file));
   if (model) await app.openModel(await model.arrayBuffer(), model.name);

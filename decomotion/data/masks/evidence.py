@@ -26,6 +26,7 @@ from tqdm import tqdm
 
 from decomotion.data.pool import Positions
 from decomotion.data.sampling import bilinear
+from decomotion.units import to_units, unit
 
 Floats = npt.NDArray[np.float32]
 Model = npt.NDArray[np.float64]
@@ -67,15 +68,10 @@ class Evidence:
     """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
 
 
-def to_units(xy: Floats, height: int, width: int) -> Floats:
-    """Pixels of an HxW frame to pixels of its raster whose longer side is 256."""
-    return (xy + 0.5) * np.float32(256 / max(height, width)) - 0.5
-
-
 def in_units(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Frames [frame, H, W, 3] resized so that their longer side is 256."""
+    """Frames [frame, H, W, 3] resized to the raster of units: their longer side is 256."""
     height, width = frames.shape[1:3]
-    scale = 256 / max(height, width)
+    scale = 1 / unit(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])
@@ -86,7 +82,8 @@ def motion_evidence(
     points: Floats,
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
-    scale: float,
+    sides: tuple[int, int],
+    random: np.random.Generator,
     progress: bool = False,
 ) -> Evidence:
     """Compares every frame with its neighbours up to `NEIGHBOURS` away.
@@ -96,18 +93,18 @@ def motion_evidence(
         points: [frame, point, 2], in units.
         targets: [frame, frame, point, 2] in pixels of the clip, as in the pool.
         confidence: [frame, frame, point], as in the pool; 0 says nothing.
-        scale: units a pixel of the clip.
+        sides: height and width of the clip.
+        random: draws the points that geometry is fitted to.
         progress: show a progress bar.
     """
     frames, (height, width) = len(points), images.shape[1:3]
     blurred = [cv2.GaussianBlur(image, (0, 0), 1) for image in images]
-    random = np.random.default_rng(0)
     residual = np.full(points.shape[:2], np.nan, np.float32)
     change = np.full(points.shape[:2], np.nan, np.float32)
     for frame in tqdm(range(frames), "motion", disable=not progress, leave=False):
         source, border = points[frame], near_border(points[frame], height, width)
         compared = [
-            _Pair.fit(source, (targets[frame, other] + 0.5) * scale - 0.5, confidence[frame, other], border, random)
+            _Pair.fit(source, to_units(targets[frame, other], *sides), confidence[frame, other], border, random)
             for other in neighbours(frame, frames)
         ]
         pairs = {

@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from decomotion.config import FilterConfig
+from decomotion.arrays import allocated_memmap
+from decomotion.data.links.config import FilterConfig
 from decomotion.data.pool import Positions
+from decomotion.units import unit
 
 SECOND_LOOK_FROM = 1.5
 """First cycles that miss by more than so many thresholds are of hidden places (OmniMotion's factor)."""
@@ -85,18 +87,18 @@ def filtered(
     `targets` may have more points than the others, which are the first.
     """
     i, j = pair
-    xy, there, unit = points[i], targets[i, j][: points.shape[1]], max(grid.height, grid.width) / 256
+    xy, there, length = points[i], targets[i, j][: points.shape[1]], unit(grid.height, grid.width)
     result = np.array(confidence[i, j])
     landed = grid.nearest(there)
     returned = follow(there, points[j], targets[j, i], landed)
     if config.second_look is not None and abs(i - j) <= config.second_look_gap:
-        threshold = unit * (config.cycle or SECOND_LOOK_UNITS)
+        threshold = length * (config.cycle or SECOND_LOOK_UNITS)
         again = follow(returned, points[i], there, grid.nearest(returned))
         confirmed = confirmed_by_second_look(xy, there, returned, again, threshold) & grid.inside(there)
     else:
         confirmed = np.zeros(len(xy), np.bool_)
     if config.cycle is not None:
-        result[~cycle_consistent(xy, returned, config.cycle * unit)] = 0
+        result[~cycle_consistent(xy, returned, config.cycle * length)] = 0
     if config.appearance is not None and abs(i - j) >= config.appearance_gap:
         result[~appearance_consistent(feature[i], feature[j, landed], config.appearance)] = 0
     if config.second_look is not None:
@@ -116,8 +118,7 @@ def build_filtered(
 ) -> dict[str, Any]:
     """Fills the stage's folder with another `confidence`; links of the user's tracks, after the grid's, are kept."""
     frames, on_grid = len(points), grid.rows * grid.columns
-    shape = confidence.shape
-    kept = np.lib.format.open_memmap(folder / "confidence.npy", mode="w+", dtype=np.uint8, shape=shape)
+    kept = allocated_memmap(folder / "confidence.npy", np.uint8, confidence.shape)
     for i in tqdm(range(frames), "filter", disable=not progress, leave=False):
         kept[i] = confidence[i]
         for j in range(frames):

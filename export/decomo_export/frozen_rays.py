@@ -10,16 +10,16 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from decomo_export.frozen import FrozenVolume, Matter
-from decomotion.compositing import composite_weights, fused_weights, thickened
+from decomo_export.frozen import FrozenVolume, MatterColumns
+from decomotion.compositing import as_if_opaque, composite_weights, fused_weights, static_share, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import static_owns
 from decomotion.model.volume import Volume
 from decomotion.rays import sample_depths
 
 
-class Surface(NamedTuple):
-    """The visible surface at some pixels."""
+class Hit(NamedTuple):
+    """Where the rays of some pixels hit the visible surface; not yet its place in canonical space."""
 
     values: Float[Tensor, "channel point"]
     """Pseudo-depth, or what a table holds instead (`baking.py`)."""
@@ -49,18 +49,21 @@ class FrozenRays:
     """Samples of some rays, near to far, and the share of each in the fused ray."""
 
     depths: Float[Tensor, " sample"]
-    matter: tuple[Matter, ...]
+    matter: tuple[MatterColumns, ...]
     """Of the static, then the dynamic volume, as all that follow."""
     weights: tuple[Float[Tensor, "point sample"], ...]
 
-    def shares(self) -> list[Float[Tensor, " point"]]:
-        """Each volume's share of the fused weight."""
+    def totals(self) -> list[Float[Tensor, " point"]]:
+        """Each volume's part of the fused weight."""
         return [weights.sum(-1) for weights in self.weights]
+
+    def static_confidence(self) -> Float[Tensor, " point"]:
+        """Share of the fused weight that is static."""
+        return static_share(*self.totals())
 
     def is_static(self) -> Bool[Tensor, " point"]:
         """Whether the static volume owns the pixel."""
-        static, dynamic = self.shares()
-        return static_owns(static, dynamic)
+        return static_owns(self.static_confidence())
 
     def depth(self) -> Float[Tensor, " point"]:
         """Pseudo-depth of the fused ray."""
@@ -72,14 +75,9 @@ class FrozenRays:
         weights = torch.where(self.is_static()[:, None], *self.weights)
         return (weights * self.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
 
-    def surface(self) -> Surface:
-        """The surface that the rays meet, as `decomotion.model.readout.surface_of` defines it."""
-        return Surface(self.owner_depth()[None], self.is_static())
-
-    def static_confidence(self) -> Float[Tensor, " point"]:
-        """Share of the fused weight that is static."""
-        static, dynamic = self.shares()
-        return static / (static + dynamic).clamp_min(1e-6)
+    def hit(self) -> Hit:
+        """What `decomotion.model.readout.surface_of` takes for the visible surface."""
+        return Hit(self.owner_depth()[None], self.is_static())
 
     @cached_property
     def alone(self) -> list[Float[Tensor, "point sample"]]:
@@ -93,12 +91,10 @@ class FrozenRays:
     def colours(self) -> tuple[Float[Tensor, "3 point"], ...]:
         """RGB in [0, 1]: fused; then static alone and dynamic alone, both as if they were opaque."""
         fused = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.weights, self.matter, strict=True)]
-        alone = [
-            (weights * matter.colour).sum(-1) / weights.sum(-1).clamp_min(1e-3)
-            for weights, matter in zip(self.alone, self.matter, strict=True)
-        ]
-        static, dynamic = self.shares()
-        return thickened(fused[0] + fused[1], static + dynamic), *alone
+        alone = [(weights * matter.colour).sum(-1) for weights, matter in zip(self.alone, self.matter, strict=True)]
+        static, dynamic = self.totals()
+        opaque = [as_if_opaque(colour, opacity) for colour, opacity in zip(alone, self.opacities(), strict=True)]
+        return thickened(fused[0] + fused[1], static + dynamic), *opaque
 
 
 class FrozenModel(nn.Module):
@@ -126,11 +122,11 @@ class FrozenModel(nn.Module):
         for volume in (self.static, self.dynamic):
             if volume is None:
                 nothing = xy.new_zeros(shape)
-                matter.append(Matter(nothing, nothing.expand(3, *shape), nothing))
+                matter.append(MatterColumns(nothing, nothing.expand(3, *shape), nothing))
                 continue
             found = volume.matter(volume.to_canonical(xy, depths[None], frame))
             matter.append(
-                Matter(
+                MatterColumns(
                     found.density.unflatten(0, shape),
                     found.colour.unflatten(1, shape),
                     found.confidence.unflatten(0, shape),

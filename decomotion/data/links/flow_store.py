@@ -24,16 +24,17 @@ import torch
 from tqdm import tqdm
 
 from decomotion.clip import Clip
-from decomotion.data.flow import Field, FlowEstimator
+from decomotion.data.flow import Flow, FlowEstimator
 from decomotion.data.flow.interface import kept, to_raster
-from decomotion.data.intervals import couples_of
-from decomotion.data.linking import cycle_error
-from decomotion.data.matching import Matches, MatchStore
-from decomotion.data.pair_files import Couple, PairFiles
+from decomotion.data.links.intervals import couples_of
+from decomotion.data.links.linking import cycle_error
+from decomotion.data.links.matching import Matches, MatchStore
+from decomotion.data.links.pair_files import Couple, PairFiles
 from decomotion.data.sampling import bilinear
 from decomotion.images import filled
+from decomotion.units import unit
 
-BothWays = tuple[Field, Field]
+BothWays = tuple[Flow, Flow]
 """From the earlier frame to the later one, and back."""
 
 MARGIN = 0.1
@@ -41,7 +42,7 @@ MARGIN = 0.1
 
 
 @dataclass(frozen=True)
-class FlowFields:
+class FlowStore:
     """Fields on disk.
 
     Args:
@@ -76,7 +77,7 @@ class FlowFields:
                     bar.update(2)
         return total
 
-    def __call__(self, first: int, second: int) -> Field:
+    def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
         return self._files.read(first, second).astype(np.float32)
 
@@ -84,10 +85,10 @@ class FlowFields:
         both = self._ask(couple, (None, None))
         if self.estimator.guided and (starts := self._starts(couple, shorter)) is not None:
             both = nearer(both, self._ask(couple, starts))
-        for (first, second), field in zip((couple, couple[::-1]), both, strict=True):
-            self._files.write(first, second, field.astype(np.float16))
+        for (first, second), flow in zip((couple, couple[::-1]), both, strict=True):
+            self._files.write(first, second, flow.astype(np.float16))
 
-    def _ask(self, couple: Couple, starts: tuple[Field | None, Field | None]) -> BothWays:
+    def _ask(self, couple: Couple, starts: tuple[Flow | None, Flow | None]) -> BothWays:
         frames = self.clip.frames
         there, back = (
             self.estimator(frames[first], frames[second], (first, second), start)
@@ -107,7 +108,7 @@ class FlowFields:
         there, back = self.matches(first, second), self.matches(second, first)
         return to_raster(smooth(there), size), to_raster(smooth(back), size)
 
-    def _chained(self, stops: Sequence[int]) -> Field:
+    def _chained(self, stops: Sequence[int]) -> Flow:
         """The flow from the first of `stops` to the last, from hop to hop."""
         chain, *hops = [self(here, there) for here, there in pairwise(stops)]
         for hop in hops:
@@ -117,29 +118,29 @@ class FlowFields:
 
 def nearer(both: BothWays, others: BothWays) -> BothWays:
     """Pixel by pixel the answer that leads back nearer to where it began; `both` unless `others` do so by `MARGIN`."""
-    margin = MARGIN * max(both[0].shape) / 256
+    margin = MARGIN * unit(*both[0].shape[:2])
     chosen = []
     for there, back in ((0, 1), (1, 0)):
-        errors, errors_of_others = (_errors(fields[there], fields[back]) for fields in (both, others))
+        errors, errors_of_others = (_errors(ways[there], ways[back]) for ways in (both, others))
         better = errors_of_others < errors - margin
         chosen.append(np.where(better[..., None], others[there], both[there]))
     return chosen[0], chosen[1]
 
 
-def smooth(matches: Matches) -> Field:
+def smooth(matches: Matches) -> Flow:
     """The trusted displacements, continued over the cells without, in cells [h, w, 2]."""
     everywhere = filled(matches.displacement, matches.trusted.astype(np.float32))
     axes = [cv2.medianBlur(np.ascontiguousarray(axis), 3) for axis in np.moveaxis(everywhere, -1, 0)]
     return np.stack(axes, axis=-1).astype(np.float32)
 
 
-def _errors(there: Field, back: Field) -> Field:
+def _errors(there: Flow, back: Flow) -> Flow:
     grid = _grid(there)
     return cycle_error(grid, grid + there, back)
 
 
-def _grid(field: Field) -> Field:
-    height, width = field.shape[:2]
+def _grid(flow: Flow) -> Flow:
+    height, width = flow.shape[:2]
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 

@@ -3,7 +3,7 @@
     fused     both volumes together: the clip as the model has it
     static    the static volume alone: the scene, the objects gone; with alpha: transparent where it was never seen
     dynamic   the objects alone, with alpha: 1 - static confidence
-    mask      the motion mask: white on what moves
+    mask      the motion mask, soft: as white as what is rendered there moves
     depth     pseudo-depth by the perceptual colour map inferno: near is bright; one scale for all frames
 
 A rendering of another size than the clip's covers the same area (`docs/conventions.md`).
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.contract import FARTHEST, HOLE, LAYERS
 from decomo_runtime.errors import RenderError
 from decomo_runtime.queries import check_frames
 
@@ -27,14 +28,10 @@ if TYPE_CHECKING:
 
 Image = npt.NDArray[np.uint8]
 
-LAYERS = ("fused", "static", "dynamic", "mask", "depth")
-FARTHEST = 2.0
-"""Pseudo-depth at the far end of every ray."""
-HOLE = 0.1
-"""Opacity of the static volume below which its layer becomes transparent."""
 
-
-def render(tracker: Tracker, frame: int, layers: Sequence[str], *, long_side: int | None = None) -> list[Image]:
+def render(
+    tracker: Tracker, frame: int, layers: Sequence[str] = LAYERS[:1], *, long_side: int | None = None
+) -> list[Image]:
     """The `layers` of one frame, uint8 [H, W, 3] RGB; `static` and `dynamic` [H, W, 4] RGBA.
 
     Alpha is not premultiplied.

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import Clip
+from decomotion.units import unit
 
 SIDE = 512
 """Longer side of the frames that are compared."""
@@ -61,5 +62,5 @@ class Refiner:
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         moved, registered = moved[:, 0], registered[:, 0] > 0
-        taken = registered & (np.linalg.norm(moved - there, axis=-1) * 256 / max(height, width) <= FARTHEST)
+        taken = registered & (np.linalg.norm(moved - there, axis=-1) <= FARTHEST * unit(height, width))
         return np.where(taken[:, None], (moved + 0.5) / pixels - 0.5, found).astype(np.float32)

@@ -5,7 +5,7 @@ lost to it. Descriptors of two scales and the colour are compared between coarse
 with all. A match is trusted where it is mutual and where cells around it moved likewise.
 
 Positions are refined to a fraction of a cell; they are less precise than flow, so that linking takes a match where
-flow is lost or has added up a larger error (`decomotion/data/linking.py`).
+flow is lost or has added up a larger error (`decomotion/data/links/linking.py`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from torch import Tensor
 from tqdm import tqdm
 
 from decomotion.clip import Clip
-from decomotion.config import MatchingConfig
 from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
-from decomotion.data.intervals import couples_of
-from decomotion.data.pair_files import PairFiles
+from decomotion.data.links.config import MatchingConfig
+from decomotion.data.links.intervals import couples_of
+from decomotion.data.links.pair_files import PairFiles
 
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""

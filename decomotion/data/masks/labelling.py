@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.evidence import RESIDUAL_NOISE, Evidence
+from decomotion.data.masks.evidence import RESIDUAL_NOISE, Evidence
 from decomotion.data.pool import Positions
 from decomotion.data.sampling import bilinear
 
@@ -37,7 +37,7 @@ STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns to half of the eight neighbours."""
 
 
-class Links:
+class LinkReader:
     """Looks up values of other frames where the points of one frame lie in them.
 
     Args:
@@ -64,7 +64,7 @@ class Links:
         return bilinear(image, where)[..., 0]
 
 
-def moving_probability(evidence: Evidence, lab: Floats, links: Links, grid: tuple[int, int]) -> Floats:
+def moving_probability(evidence: Evidence, lab: Floats, links: LinkReader, grid: tuple[int, int]) -> Floats:
     """Probability that each point moves, [frame, point].
 
     Args:
@@ -79,7 +79,7 @@ def moving_probability(evidence: Evidence, lab: Floats, links: Links, grid: tupl
     return mean_field(unary, lab, grid)
 
 
-def along_links(values: Floats, links: Links) -> Floats:
+def along_links(values: Floats, links: LinkReader) -> Floats:
     """Averages `values` [frame, point] along links, weighted by confidence; NaN says nothing."""
     frames = len(values)
     known = ~np.isnan(values)

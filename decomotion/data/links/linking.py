@@ -7,9 +7,9 @@ uncertainty where we have the forward-backward error). A point hidden in between
 over its occlusion.
 
 Errors are counted in units of a pixel of a frame whose longer side is 256, so that thresholds mean the same at any
-resolution; positions are in pixels of the fields' raster.
+resolution; positions are in pixels of the flow's raster.
 
-Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/matching.py`).
+Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/links/matching.py`).
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.data.flow.interface import Flow
 from decomotion.data.sampling import bilinear
+from decomotion.units import unit
 
 if TYPE_CHECKING:  # it needs torch, which linking does not
-    from decomotion.data.matching import Matches
+    from decomotion.data.links.matching import Matches
 
-Field = npt.NDArray[np.float32]
-FieldLookup = Callable[[int, int], Field]
+Xy = npt.NDArray[np.float32]
+FlowLookup = Callable[[int, int], Flow]
 MatchLookup = Callable[[int, int], "Matches"]
-RefineLookup = Callable[[int, int, Field, Field, tuple[int, ...]], Field]
+RefineLookup = Callable[[int, int, Xy, Xy, tuple[int, ...]], Xy]
 
 HOP_VARIANCE = 0.1**2
 """Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
@@ -57,7 +59,7 @@ class Rematching:
     """The gaps for which `match` can be asked."""
     refine: RefineLookup | None = None
     """`refine(i, j, xy, found, raster)` are better places in frame j of the points at `xy` in frame i than those
-    `found` by a match, all [point, 2] in pixels of the fields' raster (height, width)."""
+    `found` by a match, all [point, 2] in pixels of the flow's raster (height, width)."""
 
 
 @dataclass(frozen=True)
@@ -67,28 +69,28 @@ class Links:
     target: int
     sources: npt.NDArray[np.int64]
     """[source]: the source frames, all on one side of the target."""
-    xy: Field
-    """[source, point, 2]: positions in pixels of the fields' raster."""
+    xy: Xy
+    """[source, point, 2]: positions in pixels of the flow's raster."""
     variance: npt.NDArray[np.float32]
     """[source, point]: accumulated squared error, units^2."""
     occluded: npt.NDArray[np.bool_]
     """[source, point]: hidden or outside the image; the position is then a guess."""
 
 
-def cycle_error(xy: Field, there: Field, backward: Field) -> npt.NDArray[np.float32]:
+def cycle_error(xy: Xy, there: Xy, backward: Flow) -> npt.NDArray[np.float32]:
     """Distance in pixels between `xy` and where `backward` leads from `there`. Shapes [..., 2]; result [...]."""
     return np.linalg.norm(there + bilinear(backward, there) - xy, axis=-1)
 
 
-def outside(xy: Field, height: int, width: int) -> npt.NDArray[np.bool_]:
+def outside(xy: Xy, height: int, width: int) -> npt.NDArray[np.bool_]:
     """Whether positions lie outside the image [-0.5, W - 0.5] x [-0.5, H - 0.5]."""
     x, y = xy[..., 0], xy[..., 1]
     return (x < -0.5) | (x > width - 0.5) | (y < -0.5) | (y > height - 0.5)
 
 
 def link(
-    points: Field,
-    field: FieldLookup,
+    points: Xy,
+    flow: FlowLookup,
     intervals: tuple[int, ...],
     cycle_threshold: float,
     max_gap: int,
@@ -98,9 +100,9 @@ def link(
     """Carries the points of every frame through the clip in one direction.
 
     Args:
-        points: [frame, point, 2], positions in pixels of the fields' raster, in each frame.
-        field: `field(i, j)` is the flow from frame i to frame j, [h, w, 2].
-        intervals: the gaps for which `field` can be asked.
+        points: [frame, point, 2], positions in pixels of the flow's raster, in each frame.
+        flow: `flow(i, j)` is the flow from frame i to frame j, [h, w, 2].
+        intervals: the gaps for which `flow` can be asked.
         cycle_threshold: cycle error in units above which a hop ends on a hidden place.
         max_gap: longest gap between source and target.
         step: +1 to go forward in time, -1 backward.
@@ -116,9 +118,9 @@ def link(
         best = None
         for origin, start in _starts(reached, target, intervals, max_gap, step):
             gap = abs(target - origin)
-            best = _better(best, _hop(start, field(origin, target), field(target, origin), gap, cycle_threshold))
+            best = _better(best, _hop(start, flow(origin, target), flow(target, origin), gap, cycle_threshold))
         if best is not None and rematching is not None:
-            raster = field(target, target - step).shape[:2]
+            raster = flow(target, target - step).shape[:2]
             for origin, start in _starts(reached, target, rematching.intervals, max_gap, step):
                 best = _found_again(best, start, origin, target, rematching, raster)
         own = _State(
@@ -140,7 +142,7 @@ class _State:
     """The points of several source frames as they lie in one frame."""
 
     sources: npt.NDArray[np.int64]
-    xy: Field
+    xy: Xy
     variance: npt.NDArray[np.float32]
     occluded: npt.NDArray[np.bool_]
 
@@ -165,11 +167,11 @@ def _starts(
             yield origin, reached[origin].keep(np.abs(reached[origin].sources - target) <= max_gap)
 
 
-def _hop(state: _State, forward: Field, backward: Field, gap: int, cycle_threshold: float) -> _State:
+def _hop(state: _State, forward: Flow, backward: Flow, gap: int, cycle_threshold: float) -> _State:
     there = state.xy + bilinear(forward, state.xy)
     height, width = forward.shape[:2]
     gone = outside(there, height, width)
-    units = cycle_error(state.xy, there, backward) * (256 / max(height, width))
+    units = cycle_error(state.xy, there, backward) / unit(height, width)
     error = np.where(gone, CYCLE_LIMIT, units)
     variance = state.variance + HOP_VARIANCE + GAP_VARIANCE * gap**2 + CYCLE_SHARE * np.minimum(error, CYCLE_LIMIT) ** 2
     return _State(
@@ -193,7 +195,7 @@ def _found_again(
 
 
 def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _State:
-    """To where the cell that holds each point was matched, in pixels of a field's `raster` (height, width)."""
+    """To where the cell that holds each point was matched, in pixels of a flow's `raster` (height, width)."""
     rows, columns = matches.trusted.shape
     pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
     column, row = np.moveaxis(np.floor((state.xy + 0.5) / pixels).astype(np.int64), -1, 0)

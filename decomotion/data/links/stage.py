@@ -1,6 +1,6 @@
 """The stage `links`: flow at the scheduled gaps, linked to every gap, for points of every frame.
 
-The fields lie in `flow/` of the partial stage, and are removed when the links are made.
+The flows lie in `flow/` of the partial stage, and are removed when the links are made.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
-from decomotion.config import DataConfig
-from decomotion.data import linking
-from decomotion.data.fields import FlowFields, threads
+from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
-from decomotion.data.intervals import choose_intervals, pairs_of
-from decomotion.data.matching import MatchStore
-from decomotion.data.memory import give_back
+from decomotion.data.links import linking
+from decomotion.data.links.flow_store import FlowStore, threads
+from decomotion.data.links.intervals import choose_intervals, pairs_of
+from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.refinement import Refiner
+from decomotion.data.links.tracks import UserTracks
 from decomotion.data.pool import pack
-from decomotion.data.refinement import Refiner
 from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
-from decomotion.data.tracks import UserTracks
+from decomotion.memory import give_back
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -37,9 +38,9 @@ SCHEDULE = "schedule.json"
 LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
-"""Bytes of the states of the points that are linked at a time; every further part reads the fields again."""
+"""Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
 TRIALS = 3
-"""Of what a field costs."""
+"""Of what a flow costs."""
 
 
 def build_links(
@@ -60,12 +61,12 @@ def build_links(
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
-    fields = FlowFields(clip, estimator, matches, folder / "flow")
+    flows = FlowStore(clip, estimator, matches, folder / "flow")
     budget = config.prepare_budget - (matched - begin)
-    schedule = scheduled(clip, config, fields, budget, folder / SCHEDULE)
+    schedule = scheduled(clip, config, flows, budget, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
-    count_of_fields = fields.compute(intervals, progress)
+    count_of_flows = flows.compute(intervals, progress)
     give_back()
     computed = time.monotonic()
 
@@ -74,10 +75,10 @@ def build_links(
     np.save(folder / "points.npy", shown)
     np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
     count = shown.shape[1]
-    create = partial(np.lib.format.open_memmap, mode="r+" if parts_done(folder) else "w+")
-    targets = create(folder / "targets.npy", dtype=np.uint16, shape=(frames, frames, count, 2))
-    confidence = create(folder / "confidence.npy", dtype=np.uint8, shape=(frames, frames, count))
-    linker = _Linker(clip, config, fields, intervals, matches)
+    begun = parts_done(folder) > 0
+    targets = allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2), keep=begun)
+    confidence = allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count), keep=begun)
+    linker = _Linker(clip, config, flows, intervals, matches)
     linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)
     for frame in range(frames):
@@ -95,7 +96,7 @@ def build_links(
     give_back()
     return {
         **schedule,
-        "fields": count_of_fields,
+        "fields": count_of_flows,
         "points": count,
         "on_grid": on_grid,
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
@@ -107,21 +108,21 @@ def build_links(
     }
 
 
-def scheduled(clip: Clip, config: DataConfig, fields: FlowFields, budget: float, file: Path) -> dict[str, Any]:
-    """The gaps at which flow is computed, and what a field costs, from `file` where an earlier run has chosen already.
+def scheduled(clip: Clip, config: DataConfig, flows: FlowStore, budget: float, file: Path) -> dict[str, Any]:
+    """The gaps at which flow is computed, and what a flow costs, from `file` where an earlier run has chosen already.
 
-    The cost is the wall time of a field, the least of three trials on the first few, which are kept: other work on the
+    The cost is the wall time of a flow, the least of three trials on the first few, which are kept: other work on the
     machine makes trials dearer, never cheaper. Only `geometric` and `all` depend on it, and on `budget`, the seconds
     that are left for the preparation.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
-    shutil.rmtree(fields.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
-    at_once = threads() if fields.estimator.concurrent else 1
+    shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
+    at_once = threads() if flows.estimator.concurrent else 1
     costs = []
     for trial in range(TRIALS):
         begin = time.monotonic()
-        made = fields.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
+        made = flows.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
         costs += [(time.monotonic() - begin) / made] if made else []
     cost = min(costs)
     intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, budget)
@@ -143,11 +144,11 @@ class _Linker:
         self,
         clip: Clip,
         config: DataConfig,
-        field: linking.FieldLookup,
+        flow: linking.FlowLookup,
         intervals: tuple[int, ...],
         matches: MatchStore,
     ) -> None:
-        self._clip, self._pool, self._field, self._intervals = clip, config.pool, field, intervals
+        self._clip, self._pool, self._flow, self._intervals = clip, config.pool, flow, intervals
         self._rematching = linking.Rematching(matches, matches.intervals, Refiner(clip)) if matches.intervals else None
         self._longest = min(len(clip), max(intervals + matches.intervals))
 
@@ -182,11 +183,11 @@ class _Linker:
         bar: tqdm,
     ) -> None:
         clip, pool = self._clip, self._pool
-        height, width = self._field(0, 1).shape[:2]
+        height, width = self._flow(0, 1).shape[:2]
         shrink = np.array([width / clip.width, height / clip.height], np.float32)
         on_raster = (points + 0.5) * shrink - 0.5
         for links in linking.link(
-            on_raster, self._field, self._intervals, pool.cycle_threshold, pool.max_gap, step, self._rematching
+            on_raster, self._flow, self._intervals, pool.cycle_threshold, pool.max_gap, step, self._rematching
         ):
             in_pixels = (links.xy + 0.5) / shrink - 0.5
             targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))

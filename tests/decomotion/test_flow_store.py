@@ -9,17 +9,17 @@ import pytest
 import torch
 
 from decomotion.clip import Clip
-from decomotion.config import MatchingConfig
-from decomotion.data.fields import FlowFields, nearer, smooth, threads
-from decomotion.data.flow.interface import Field, Frame
-from decomotion.data.matching import Matches, MatchStore
+from decomotion.data.flow.interface import Flow, Frame
+from decomotion.data.links.config import MatchingConfig
+from decomotion.data.links.flow_store import FlowStore, nearer, smooth, threads
+from decomotion.data.links.matching import Matches, MatchStore
 
 FRAMES, SIZE = 7, 32
 SPEED = np.array([3.0, -1.0], np.float32)
 """Pixels a frame, of everything."""
 
 
-def flow(displacement: float | np.ndarray, size: int = SIZE) -> Field:
+def flow(displacement: float | np.ndarray, size: int = SIZE) -> Flow:
     return np.broadcast_to(np.asarray(displacement, np.float32), (size, size, 2)).astype(np.float32)
 
 
@@ -32,7 +32,7 @@ class Searcher:
     def __init__(self) -> None:
         self.asked: list[tuple[tuple[int, int], float | None]] = []
 
-    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Field | None = None) -> Field:
+    def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
         begin = None if start is None else start.mean(axis=(0, 1))
         self.asked.append((pair, None if begin is None else float(begin[0])))
         true = SPEED * (pair[1] - pair[0])
@@ -48,9 +48,9 @@ def clip() -> Clip:
     return Clip("still", np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8), 24.0)
 
 
-def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowFields:
+def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowStore:
     matches = MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), folder / "matches")
-    return FlowFields(clip, estimator, matches, folder)
+    return FlowStore(clip, estimator, matches, folder)
 
 
 def test_long_gaps_start_at_the_short_ones(clip: Clip, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_what_is_there_is_not_made_again(clip: Clip, tmp_path: Path) -> None:
 
 def test_the_answer_that_returns_stays_pixel_by_pixel() -> None:
     """On the left the first answer returns, on the right the second; above, both do."""
-    ways: list[list[Field]] = [[flow(0), flow(0)], [flow((4, 0)), flow((-4, 0))]]
+    ways: list[list[Flow]] = [[flow(0), flow(0)], [flow((4, 0)), flow((-4, 0))]]
     ways[0][1][16:, 16:] = 3
     ways[1][1][16:, :16] = 3
     there, _ = nearer((ways[0][0], ways[0][1]), (ways[1][0], ways[1][1]))
@@ -115,3 +115,20 @@ def test_matches_go_on_over_cells_that_have_none() -> None:
     trusted = np.random.default_rng(0).random((16, 16)) < 0.3
     displacement = np.where(trusted[..., None], np.float32([2, 1]), 50).astype(np.float32)
     np.testing.assert_allclose(smooth(Matches(displacement, trusted)), flow((2, 1), 16), atol=1e-4)
+
+
+@pytest.mark.parametrize(("height", "width"), [(40, 96), (96, 40)])
+@pytest.mark.parametrize(("gained", "taken"), [(0.0, False), (0.09, False), (0.11, True)])
+def test_the_start_has_to_bring_the_way_back_nearer_by_a_tenth_of_a_unit(
+    height: int, width: int, gained: float, taken: bool
+) -> None:
+    """A unit is 0.375 pixels of a raster whose longer side is 96; the first answer misses by 1 pixel."""
+    missed = 1 - gained * 0.375
+    both, others = (
+        (np.full((height, width, 2), (x, 0), np.float32), np.full((height, width, 2), (-x - off, 0), np.float32))
+        for x, off in ((2, 1.0), (4, missed))
+    )
+    chosen = nearer(both, others)
+    inside = (slice(0, height), slice(8, width - 8))
+    for way in (0, 1):
+        np.testing.assert_array_equal(chosen[way][inside], (others if taken else both)[way][inside])

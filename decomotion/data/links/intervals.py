@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decomotion.config import FlowConfig
+from decomotion.data.flow.config import FlowConfig
 
 FLOW_SHARE = 0.6
 """Share of the time for preparation that flow may take; linking, features and masks have the rest."""

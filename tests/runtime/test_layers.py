@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from decomo_runtime import Appearance, QueryError, RenderError, Tracker
-from decomo_runtime.rendering import FARTHEST, HOLE, LAYERS, picture, pixel_queries, raster_size, render
+from decomo_runtime.contract import FARTHEST, HOLE, LAYERS
+from decomo_runtime.layers import picture, pixel_queries, raster_size, render
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 
@@ -21,7 +22,7 @@ def seen(**given: Any) -> Appearance:
 
 def test_every_pixel_is_asked_for_at_its_centre(tracker: Tracker):
     """One query after the other, the slow way."""
-    image = tracker.render(2)
+    image = render(tracker, 2)[0]
     assert image.shape == (HEIGHT, WIDTH, 3)
     assert image.dtype == np.uint8
     for y, x in ((0, 0), (0, WIDTH - 1), (17, 30), (HEIGHT - 1, WIDTH - 1)):
@@ -36,7 +37,7 @@ def test_another_size_covers_the_same_area(tracker: Tracker, long_side: int | No
     steps = np.array([WIDTH / shape[1], HEIGHT / shape[0]])
     np.testing.assert_allclose(queries[0, 1:], steps / 2 - 0.5, atol=1e-5)
     np.testing.assert_allclose(queries[-1, 1:], [WIDTH - 0.5, HEIGHT - 0.5] - steps / 2, atol=1e-5)
-    assert tracker.render(3, "mask", long_side=long_side).shape == (*shape, 3)
+    assert render(tracker, 3, ["mask"], long_side=long_side)[0].shape == (*shape, 3)
 
 
 def test_layers_of_a_frame_are_asked_for_once(tracker: Tracker, monkeypatch: pytest.MonkeyPatch):
@@ -47,7 +48,7 @@ def test_layers_of_a_frame_are_asked_for_once(tracker: Tracker, monkeypatch: pyt
     assert asked == [HEIGHT * WIDTH]
     assert [each.shape[2] for each in pictures] == [3, 4, 4, 3, 3]
     for layer, each in zip(LAYERS, pictures, strict=True):
-        np.testing.assert_array_equal(tracker.render(1, layer), each)
+        np.testing.assert_array_equal(render(tracker, 1, [layer])[0], each)
 
 
 def test_the_mask_is_white_on_what_moves():
@@ -81,9 +82,9 @@ def test_what_is_out_of_range_does_not_wrap(value: float):
 
 def test_bad_requests(tracker: Tracker):
     with pytest.raises(RenderError, match="there is no layer 'sky'; choose from fused, static"):
-        tracker.render(0, "sky")
+        render(tracker, 0, ["sky"])
     with pytest.raises(QueryError, match=r"it must be within 0 \.\. 5"):
-        tracker.render(6)
+        render(tracker, 6)
     for wrong in (0, -3, 2.5, True):
         with pytest.raises(RenderError, match="must have a whole number of pixels"):
-            tracker.render(0, long_side=wrong)
+            render(tracker, 0, long_side=wrong)

@@ -1,0 +1,15 @@
+"""What every part of the configuration is made of."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Leaf(BaseModel):
+    """A frozen part of the configuration that admits no unknown key.
+
+    A leaf stands in the room that reads it. The text below each field is its documentation; values live in
+    `configs/*.yaml`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)

@@ -1,0 +1,29 @@
+/** What lies beside the page: `site.json`, written by `decomo-view`; paths are relative to the page. */
+
+import type { ClipRecord } from "./clip";
+import { InputError } from "./model/facts";
+
+export interface Site {
+  readonly model: string;
+  readonly clip: ClipRecord | null;
+}
+
+/** Reads the text of `site.json`; `InputError` where it is not what `decomo-view` writes. */
+export function readSite(text: string): Site {
+  let site: Partial<Site> | null = null;
+  try {
+    site = JSON.parse(text);
+  } catch {
+    // as what is no site
+  }
+  const { model, clip } = site ?? {};
+  if (typeof model !== "string" || !(clip === null || isRecord(clip))) {
+    throw new InputError("site.json beside the page is damaged; write the folder again with 'decomo-view --export'.");
+  }
+  return { model, clip };
+}
+
+function isRecord(clip: Partial<ClipRecord> | undefined): clip is ClipRecord {
+  const { name, frames } = clip ?? {};
+  return typeof name === "string" && Array.isArray(frames) && frames.every((path) => typeof path === "string");
+}

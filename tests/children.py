@@ -1,0 +1,43 @@
+"""Processes that tests start and end: signals as a terminal's child has them, and no wait without a bound."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Timer
+
+SECONDS = 120
+"""A child that lives longer is killed, which ends whoever reads what it prints."""
+
+
+@contextmanager
+def child(command: Sequence[str | Path], environment: Mapping[str, str] | None = None) -> Iterator[subprocess.Popen]:
+    """A process whose output is piped as text; at the end it has ended, or the test fails.
+
+    What the tests' own parent ignores (nohup: SIGHUP; a shell's background: SIGINT) it does not.
+    """
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=_default_signals,
+    )
+    watch = Timer(SECONDS, process.kill)
+    watch.start()
+    try:
+        yield process
+        process.communicate(timeout=SECONDS)
+    finally:
+        watch.cancel()
+        process.kill()
+        process.wait(SECONDS)
+
+
+def _default_signals() -> None:
+    for each in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, signal.SIG_DFL)
