@@ -182,7 +182,7 @@ def test_a_disc_has_its_ink_and_a_dark_rim():
     # 0.009 * 900 = 8.1 pixels, then a rim of one, 0.55 black over grey of 0.8 * 100
     assert drawn[300, 407].tolist() == [255, 64, 64]
     assert drawn[300, 412].tolist() == [80, 80, 80]
-    assert (drawn[300, 409] < 80).all()
+    assert 36 <= drawn[300, 410].max() < 80
 
 
 def test_frames_are_muted():
