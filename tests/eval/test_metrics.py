@@ -246,6 +246,8 @@ def test_temporal_coherence_needs_three_frames(frames: int) -> None:
         ({"pred_tracks": np.zeros((1, 3, 5, 2)), "pred_occluded": np.zeros((1, 3, 5))}, "one shape"),
         ({"query_points": np.zeros((3, 3))}, "query_points must be"),
         ({"query_points": np.full((1, 3, 3), 100.0)}, "query frames must lie in 0..3"),
+        ({"query_points": np.full((1, 3, 3), 4.0)}, "query frames must lie in 0..3"),
+        ({"query_points": np.full((1, 3, 3), -1.0)}, "query frames must lie in 0..3"),
     ],
 )
 def test_wrong_arguments_are_named(change: dict[str, Any], words: str) -> None:
