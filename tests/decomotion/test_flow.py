@@ -88,6 +88,18 @@ class TestRasters:
         assert smaller.shape == (4, 5, 2)
         np.testing.assert_allclose(smaller, np.tile(np.array([2.0, 2.0]), (4, 5, 1)), atol=1e-6)
 
+    @pytest.mark.parametrize("size", [(6, 3), (2, 9), (2, 3)])
+    def test_what_shrinks_on_any_axis_is_averaged(self, size: tuple[int, int]):
+        """Of 9 x 6 pixels every third row and column has a flow of 9, down or to the right; in the mean it is 3."""
+        field = np.zeros((9, 6, 2), np.float32)
+        field[2::3, :, 1] = field[:, 2::3, 0] = 9
+        found = to_raster(field, size)
+        assert found.shape == (size[1], size[0], 2)
+        if size[0] == 2:
+            np.testing.assert_allclose(found[..., 0], 3 / 3, atol=1e-6)
+        if size[1] == 3:
+            np.testing.assert_allclose(found[..., 1], 3 / 3, atol=1e-6)
+
     def test_the_limits_of_an_enlargement(self):
         assert enlarged(100, 200, 2.0, 1000) == (400, 200)
         assert enlarged(100, 200, 2.0, 300) == (300, 150)
