@@ -285,6 +285,23 @@ class TestCache:
             assert (prepare(clip, settings, progress=False).moving == (level > 0)).all()
         assert builds == ["links", "features", "motion", "motion"]
 
+    def test_the_same_masks_in_another_folder_are_the_same_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
+        masks = np.zeros((FRAMES, SIZE, SIZE), np.uint8)
+        masks[:, 5:12, 3:20] = 255
+        for name in ("first", "second"):
+            write_frames(Clip(name, np.repeat(masks[..., None], 3, axis=-1), 24.0), tmp_path / name)
+        prepare(clip, config("data.features=none", f"data.masks={tmp_path / 'first'}"), progress=False)
+        builds.clear()
+        prepare(clip, config("data.features=none", f"data.masks={tmp_path / 'second'}"), progress=False)
+        assert builds == []
+
+    def test_weights_are_read_before_any_long_work(self, builds: list[str], clip: Clip, tmp_path: Path):
+        (tmp_path / "weights.pth").write_text("none")
+        settings = config("data.features=aliked", f"data.feature_weights={tmp_path / 'weights.pth'}")
+        with pytest.raises(SupervisionError, match="is not a file of weights"):
+            prepare(clip, settings, progress=False)
+        assert builds == []
+
     def test_a_killed_run_s_fields_and_gaps_are_gone_on_with(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
     ):

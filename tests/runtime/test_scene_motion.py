@@ -106,3 +106,22 @@ def test_the_scene_is_what_no_object_owns(share: float, static: float, others: f
     np.testing.assert_allclose(motion.carry([(0.0, 0.0)], 3, 5), [2 * SCENE_VELOCITY], atol=0.05)
     with pytest.raises(RenderError, match=r"sliding\.onnx holds nothing in sliding to be static"):
         follow_scene(TrueTracker(others, object_share=share))
+
+
+def test_parallax_is_read_where_it_is():
+    """The scene parts along x = 47.5, and along y = 31.5: each half goes its own way by 0.8 pixels."""
+    y, x = np.mgrid[0:64:1.5, 0:96:1.5]
+    here = np.stack([x, y], axis=-1).reshape(-1, 2)
+    for axis, middle in ((0, 47.5), (1, 31.5)):
+        there = here.copy()
+        there[:, axis] += 0.8 * np.sign(here[:, axis] - middle)
+        xy = np.stack([here, there], axis=1).astype(np.float32)
+        seen = np.zeros((len(here), 2), bool)
+        queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
+        motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+        along = np.full((200, 2), (40.0, 26.0))
+        along[:, axis] = middle + np.linspace(-6, 6, 200)
+        shift = (motion.carry(along, 0, 1) - along)[:, axis]
+        assert shift[0] == pytest.approx(-0.8, abs=0.15)
+        assert shift[-1] == pytest.approx(0.8, abs=0.15)
+        assert along[np.abs(shift).argmin(), axis] == pytest.approx(middle, abs=0.7)
