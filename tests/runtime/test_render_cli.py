@@ -14,6 +14,7 @@ from decomo_runtime.contract import LAYERS, META_OBJECT_SHARE
 from decomo_runtime.pictures import flattened
 from decomo_runtime.render_cli import main
 from decomotion.clip import read_clip
+from full_disk import writes_end_at
 from tiny_fit import FRAMES, SIZE
 from tiny_model import write_tiny_model
 from true_tracker import TrueTracker
@@ -68,6 +69,16 @@ def test_a_variable_rate_and_pixels_that_are_not_square(
         shape = Fraction(stream.width, stream.height) * (stream.sample_aspect_ratio or 1)
         assert float(shape) == pytest.approx(WIDTH / HEIGHT * 16 / 11, rel=0.02)
     np.testing.assert_allclose(shown, times[2:] - times[2], atol=0.001)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.webm", "a.mov", "pngs"])
+def test_a_full_disk_leaves_nothing(model_path: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "new" / name
+    with writes_end_at(1000):
+        assert run(model_path, "--layer", "all", "--size", "256", "--out", out) == 2
+    said = capsys.readouterr().err
+    assert said.split("\r")[-1] == f"Error: {out}: File too large\n"  # the bar is gone
+    assert list(out.parent.iterdir()) == []
 
 
 def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):
