@@ -6,7 +6,7 @@ import pytest
 
 from decomo_runtime import RenderError, Tracks
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
-from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE
+from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH
 from true_tracker import TrueTracker
 
 TURN = np.array([[0.98, -0.1, 9.0], [0.1, 0.98, -5.0], [2e-4, 1e-4, 1.0]])
@@ -94,7 +94,7 @@ def test_many_places_at_once_are_as_one_by_one():
 def test_the_scene_behind_the_square_moves_with_the_scene():
     motion = follow_scene(TrueTracker())
     field = motion.field(3, 5)
-    expected = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), axis=-1) + 2 * SCENE_VELOCITY
+    expected = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1) + 2 * SCENE_VELOCITY
     np.testing.assert_allclose(field, expected, atol=0.05)
     assert all(motion.knows(0, frame) for frame in range(FRAMES))
 
