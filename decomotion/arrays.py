@@ -41,12 +41,16 @@ def read_npz(
         return {key: archive[key] for key in archive.files if keys is None or key in keys}
 
 
-def allocated_memmap(path: Path, dtype: npt.DTypeLike, shape: tuple[int, ...]) -> np.memmap[Any, Any]:
-    """A new .npy file of zeros, mapped for reading and writing, for which the disk has room.
+def allocated_memmap(
+    path: Path, dtype: npt.DTypeLike, shape: tuple[int, ...], *, keep: bool = False
+) -> np.memmap[Any, Any]:
+    """A new .npy file of zeros, mapped for reading and writing, for which the disk has room; `keep`: the one there.
 
     Raises `OSError`, naming `path`, where it has none: of a file with holes, storing into the map would kill the
     process. Then no file is left.
     """
+    if keep:
+        return np.lib.format.open_memmap(path, mode="r+")
     with replacing(path) as temporary:
         np.lib.format.open_memmap(temporary, mode="w+", dtype=dtype, shape=shape)
         if hasattr(os, "posix_fallocate"):

@@ -30,8 +30,10 @@ GROUND_FLOOR = [
     "decomotion.files",
     "decomotion.frame_files",
     "decomotion.images",
+    "decomotion.outputs",
     "decomotion.presets",
     "decomotion.pseudo_depth",
+    "decomotion.times",
     "decomotion.units",
 ]
 """What every package may use of the trainer's: small modules without torch."""

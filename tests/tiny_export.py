@@ -17,7 +17,7 @@ from decomo_export.exporter import DEFAULT_BAKE
 from decomo_export.graph import QueryGraph
 from decomo_runtime import contract
 from decomotion import checkpoint
-from tiny_fit import FRAMES, SIZE
+from tiny_fit import FRAMES, HEIGHT, WIDTH
 
 
 @dataclass(frozen=True)
@@ -56,5 +56,5 @@ class Export:
 def random_queries(count: int, seed: int = 0) -> npt.NDArray[np.float32]:
     """Rows of (t, x, y) all over the clip, its outermost half pixels included."""
     random = np.random.default_rng(seed)
-    xy = random.uniform(-0.5, SIZE - 0.5, (count, 2))
+    xy = random.uniform(-0.5, [WIDTH - 0.5, HEIGHT - 0.5], (count, 2))
     return np.column_stack([random.integers(FRAMES, size=count), xy]).astype(np.float32)

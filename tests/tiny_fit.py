@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Module = TypeVar("Module", bound=nn.Module)
 
-FRAMES, SIZE, SQUARE = 8, 32, 12
+FRAMES, HEIGHT, WIDTH, SQUARE = 8, 28, 40, 12
 SCENE_VELOCITY = np.array([-1.0, 0.0], np.float32)
 """Pixels a frame, (x, y), of the textured background."""
 SQUARE_VELOCITY = np.array([2.0, 0.0], np.float32)
@@ -79,11 +79,11 @@ TINY_PRESETS = {"cpu": TINY_CPU, "omnimotion": TINY_CPU, "paper": TINY_PAPER}
 def sliding_square(frames: int = FRAMES) -> Clip:
     """A textured square slides to the right over a textured scene that slides to the left, whole pixels a frame."""
     random = np.random.default_rng(0)
-    scene = _texture(random, SIZE, SIZE + frames, grain=1.5)
+    scene = _texture(random, HEIGHT, WIDTH + frames, grain=1.5)
     square = _texture(random, SQUARE, SQUARE, grain=1.0)
     video = []
     for frame in range(frames):
-        picture = scene[:, frame : frame + SIZE].copy()
+        picture = scene[:, frame : frame + WIDTH].copy()
         x, y = (SQUARE_START + frame * SQUARE_VELOCITY).astype(int)
         picture[y : y + SQUARE, x : x + SQUARE] = square
         video.append(picture)
@@ -122,7 +122,7 @@ def write_truth(clip: Clip, path: Path) -> Path:
     tracks = true_target(start[:, None], np.zeros(1, int), frame[None])
     record = {
         "video": clip.frames,
-        "points": (tracks + 0.5) / SIZE,
+        "points": (tracks + 0.5) / (WIDTH, HEIGHT),
         "occluded": np.zeros(tracks.shape[:2], np.bool_),
     }
     path.write_bytes(pickle.dumps({clip.name: record}))

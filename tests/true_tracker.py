@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime import Appearance, ModelFacts, Tracks
-from tiny_fit import FRAMES, SIZE, SQUARE, SQUARE_START, SQUARE_VELOCITY, on_square, true_target
+from tiny_fit import FRAMES, HEIGHT, SQUARE, SQUARE_START, SQUARE_VELOCITY, WIDTH, on_square, true_target
 
 
 class TrueTracker:
@@ -20,12 +20,12 @@ class TrueTracker:
         object_share: of the model, as in its file's metadata.
     """
 
-    num_frames, width, fps, clip_name = FRAMES, SIZE, 24.0, "sliding"
+    num_frames, width, fps, clip_name = FRAMES, WIDTH, 24.0, "sliding"
     path = Path("sliding.onnx")
 
-    def __init__(self, static: float = 1.0, height: int = SIZE, object_share: float = 0.1) -> None:
+    def __init__(self, static: float = 1.0, height: int = HEIGHT, object_share: float = 0.1) -> None:
         self.static, self.height = static, height
-        self.facts = ModelFacts("sliding", FRAMES, height, SIZE, 24.0, "cpu", 0.5, object_share)
+        self.facts = ModelFacts("sliding", FRAMES, height, WIDTH, 24.0, "cpu", 0.5, object_share)
 
     def sample(self, queries: npt.ArrayLike) -> Appearance:
         queries = np.asarray(queries, np.float32)
@@ -43,13 +43,13 @@ class TrueTracker:
         start, t = queries[:, None, 1:], queries[:, :1]
         xy = true_target(start, t, frames[None]).astype(np.float32)
         covered = on_square(xy, frames[None]) & ~on_square(start, t)
-        occluded = covered | (xy < -0.5).any(-1) | (xy > np.array([SIZE, self.height]) - 0.5).any(-1)
+        occluded = covered | (xy < -0.5).any(-1) | (xy > np.array([WIDTH, self.height]) - 0.5).any(-1)
         return Tracks(xy, occluded, occluded.astype(np.float32), queries, frames)
 
 
 def square_mask(frame: int) -> npt.NDArray[np.bool_]:
     """[H, W]: where the square is in `frame`."""
     x, y = (SQUARE_START + frame * SQUARE_VELOCITY).astype(int)
-    mask = np.zeros((SIZE, SIZE), bool)
+    mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[y : y + SQUARE, x : x + SQUARE] = True
     return mask

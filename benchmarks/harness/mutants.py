@@ -7,6 +7,7 @@ places whose change no test should see: annotations, what an error or the log sa
 from __future__ import annotations
 
 import ast
+import builtins
 import hashlib
 import itertools
 import re
@@ -156,19 +157,32 @@ def _silent(tree: ast.Module) -> Iterator[tuple[tuple[int, int], tuple[int, int]
                 parts.append(node)
             case ast.If() if ast.unparse(node.test) in ("TYPE_CHECKING", "__name__ == '__main__'"):
                 parts.append(node)
-            case ast.Assign() if _is_type(node.value):
-                parts.append(node.value)
+            case ast.BinOp(op=ast.BitOr()) if _is_type(node):
+                parts.append(node)
         for part in parts:
             if part is not None:
                 yield _span(part)
 
 
-def _is_type(value: ast.AST) -> bool:
-    """Whether an assigned value may be a union of types."""
-    return isinstance(value, ast.BinOp) and all(
-        isinstance(node, ast.BinOp | ast.BitOr | ast.Name | ast.Attribute | ast.Subscript | ast.Load | ast.Constant)
-        for node in ast.walk(value)
-    )
+def _is_type(union: ast.BinOp) -> bool:
+    """Whether a union is of types: by their capitals, builtin names and None."""
+    names = [node.id if isinstance(node, ast.Name) else node.attr for node in _leaves(union)]
+    return all(name[:1].isupper() or isinstance(getattr(builtins, name, None), type) for name in names)
+
+
+def _leaves(union: ast.expr) -> Iterator[ast.Name | ast.Attribute]:
+    match union:
+        case ast.BinOp(op=ast.BitOr()):
+            yield from _leaves(union.left)
+            yield from _leaves(union.right)
+        case ast.Subscript():
+            yield from _leaves(union.value)
+        case ast.Name() | ast.Attribute():
+            yield union
+        case ast.Constant(value=None):
+            pass
+        case _:
+            yield ast.Name("value")  # of something that is no type
 
 
 def _span(node: Any) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -183,7 +183,9 @@ def check_answers(source: str, tracks: npt.NDArray[Any], occluded: npt.NDArray[A
 
 
 def check_axes(source: str, tracks: npt.NDArray[Any], asked: npt.NDArray[Any]) -> None:
-    """Raises `PredictionError`, which names the `source`, where tracks are (y, x).
+    """Raises `PredictionError`, which names the `source`, where tracks are (y, x), or [T, N, 2] with N = T.
+
+    No order is guessed: every layout has its own (`layouts.py`), and as many queries as frames hide that it is another.
 
     Args:
         source: of the tracks.
@@ -192,9 +194,19 @@ def check_axes(source: str, tracks: npt.NDArray[Any], asked: npt.NDArray[Any]) -
     """
     if not len(asked):
         return
-    answered = tracks[np.arange(len(asked)), asked[:, 0].astype(np.int64)]
-    apart, exchanged = (np.median(np.abs(xy - asked[:, 1:]).max(axis=1)) for xy in (answered, answered[:, ::-1]))
-    if apart > 1 + 10 * exchanged:
+    row, frame = np.arange(len(asked)), asked[:, 0].astype(np.int64)
+    answered = tracks[row, frame]
+    if _misses(answered, asked) > 1 + 10 * _misses(answered[:, ::-1], asked):
         raise PredictionError(
             f"{source} has tracks that lie at their queries only with x and y exchanged; give them as (x, y)"
         )
+    if tracks.shape[0] == tracks.shape[1] and _misses(answered, asked) > 1 + 10 * _misses(tracks[frame, row], asked):
+        raise PredictionError(
+            f"{source} has tracks that lie at their queries only with queries and frames exchanged, of which there are "
+            f"{len(asked)} each; save tracks and what belongs to them with these axes the other way round"
+        )
+
+
+def _misses(xy: npt.NDArray[Any], asked: npt.NDArray[Any]) -> float:
+    """Median distance of `xy` [N, 2] from the queries [N, 3], (t, x, y), along the farther axis."""
+    return float(np.median(np.abs(xy - asked[:, 1:]).max(axis=1)))

@@ -103,15 +103,16 @@ def render(
         layers, rendered = ("without objects",), _without_objects(tracker, clip_path, frames)
     else:
         rendered = (render_layers(tracker, int(frame), layers, long_side=size) for frame in frames)
-    pictures = zip(frames.tolist(), tqdm(rendered, "render", total=len(frames), leave=False), strict=True)
-    if draw is not None:
-        pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)
-    if is_video:
-        keeps_alpha = out.suffix.lower() in ALPHA_SUFFIXES and len(layers) == 1
-        layout = (_side_by_side(each, keeps_alpha) for _, each in pictures)
-        write_video(out, layout, tracker.fps, times=tracker.times[frames], pixel_aspect=tracker.pixel_aspect)
-    else:
-        write_sequence(out, _named(pictures, layers))
+    with tqdm(rendered, "render", total=len(frames), leave=False) as bar:  # gone before a failure is told
+        pictures = zip(frames.tolist(), bar, strict=True)
+        if draw is not None:
+            pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)
+        if is_video:
+            keeps_alpha = out.suffix.lower() in ALPHA_SUFFIXES and len(layers) == 1
+            layout = (_side_by_side(each, keeps_alpha) for _, each in pictures)
+            write_video(out, layout, tracker.fps, times=tracker.times[frames], pixel_aspect=tracker.pixel_aspect)
+        else:
+            write_sequence(out, _named(pictures, layers))
     click.echo(f"{', '.join(layers)} of {tracker.clip_name}, {len(frames)} frame{'s' * (len(frames) != 1)}")
     click.echo(f"wrote {out}")
 

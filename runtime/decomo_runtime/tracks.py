@@ -53,8 +53,7 @@ class Tracks:
             if suffix == ".npz":
                 self._write_npz(temporary)
             else:
-                with open(temporary, "w", encoding="utf-8", newline="") as file:
-                    write_csv(self, file)
+                self._write_csv(temporary)
 
     @classmethod
     def load(cls, path: str | Path) -> Tracks:
@@ -64,7 +63,8 @@ class Tracks:
         where it is another file.
         """
         if Path(path).suffix.lower() == ".csv":
-            return cls(**read_csv(Path(path)))
+            arrays: dict[str, Any] = read_csv(Path(path))
+            return cls(**arrays)
         arrays = read_npz(Path(path), TracksFileError, remedy="write one with 'decomo-track'")
         missing = {"queries", "tracks", "occluded", "occlusion"} - arrays.keys()
         if missing:
@@ -112,3 +112,15 @@ class Tracks:
             arrays |= {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}
         with open(path, "wb") as file:
             np.savez_compressed(file, **arrays)
+
+    def _write_csv(self, path: Path) -> None:
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            write_csv(
+                file,
+                xy=self.xy,
+                occluded=self.occluded,
+                occlusion=self.occlusion,
+                queries=self.queries,
+                frames=self.frames,
+                times=self.times,
+            )

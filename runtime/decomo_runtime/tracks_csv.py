@@ -8,16 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.tables import Table, opened_table
-
-if TYPE_CHECKING:
-    from decomo_runtime.tracks import Tracks
 
 FORMATS = {
     "point": "%d",
@@ -38,24 +35,32 @@ _KEPT = {"point": "i4", "frame": "i4", "x": "f4", "y": "f4", "occlusion": "f4", 
 _QUERY = ("query_t", "query_x", "query_y")
 
 
-def write_csv(tracks: Tracks, file: TextIO) -> None:
-    """Writes `tracks` to an open file."""
-    formats = FORMATS if tracks.times is None else FORMATS | {TIME: TIME_FORMAT}
+def write_csv(
+    file: TextIO,
+    *,
+    xy: npt.NDArray[np.float32],
+    occluded: npt.NDArray[np.bool_],
+    occlusion: npt.NDArray[np.float32],
+    queries: npt.NDArray[np.float32],
+    frames: npt.NDArray[np.int64],
+    times: npt.NDArray[np.float64] | None,
+) -> None:
+    """Writes the fields of `Tracks` to an open file."""
+    formats = FORMATS if times is None else FORMATS | {TIME: TIME_FORMAT}
     file.write(",".join(formats) + "\n")
-    points, length = tracks.occluded.shape
+    points, length = occluded.shape
     step = max(1, LINES // max(1, length))
     for begin in range(0, points if length else 0, step):
         rows = slice(begin, begin + step)
-        occluded = tracks.occluded[rows]
-        point, column = np.indices(occluded.shape).reshape(2, -1)
+        point, column = np.indices(occluded[rows].shape).reshape(2, -1)
         columns = [
             begin + point,
-            tracks.frames[column],
-            tracks.xy[rows].reshape(-1, 2),
-            tracks.occlusion[rows].ravel(),
-            occluded.ravel(),
-            tracks.queries[rows][point],
-            *([] if tracks.times is None else [tracks.times[column]]),
+            frames[column],
+            xy[rows].reshape(-1, 2),
+            occlusion[rows].ravel(),
+            occluded[rows].ravel(),
+            queries[rows][point],
+            *([] if times is None else [times[column]]),
         ]
         np.savetxt(file, np.column_stack(columns), fmt=",".join(formats.values()))
 

@@ -106,7 +106,7 @@ def test_workers_are_compared_on_the_same_videos(tiny_run: Path, tmp_path: Path,
 import pathlib, sys
 sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from tiny_model import write_tiny_model
-write_tiny_model(pathlib.Path(sys.argv[1]), num_frames=8, width=32, height=32, clip_name="sliding")
+write_tiny_model(pathlib.Path(sys.argv[1]), num_frames=8, width=40, height=28, clip_name="sliding")
 """
     monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
     monkeypatch.setenv("DECOMO_CACHE", "")  # so that it is put back

@@ -67,6 +67,8 @@ def test_a_mapped_file_holds_what_is_stored(tmp_path: Path, shape: tuple[int, ..
     mapped[:] = values
     mapped.flush()
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), values)
+    np.testing.assert_array_equal(allocated_memmap(tmp_path / "a.npy", np.uint16, shape, keep=True), values)
+    assert not allocated_memmap(tmp_path / "a.npy", np.uint16, shape).any()
     assert [file.name for file in tmp_path.iterdir()] == ["a.npy"]
 
 

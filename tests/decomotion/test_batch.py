@@ -69,6 +69,16 @@ def test_at_the_clip_s_ends_a_pair_keeps_its_gap_and_turns_round():
     torch.testing.assert_close(gap.bincount()[1:] / len(gap), torch.full((5,), 0.2), rtol=0, atol=0.05)
 
 
+def test_a_gap_that_there_is_room_for_on_neither_side_becomes_a_step_across_the_middle():
+    """Of six frames the two in the middle have none four or five away: two of five gaps lead to each other instead."""
+    batch = draw(Sampler(make_pool(), config(pairs=12_000)), 5)
+    # a step, or two, of either direction: 0.1 each; three where there is but one way: 0.2
+    for frame, expected in ((2, [0.1, 0.1, 0.0, 0.5, 0.1, 0.2]), (3, [0.2, 0.1, 0.5, 0.0, 0.1, 0.1])):
+        reached = batch.target_frame[batch.frame == frame].bincount(minlength=FRAMES)
+        # 2000 pairs: a standard deviation of 0.011
+        torch.testing.assert_close(reached / reached.sum(), torch.tensor(expected), rtol=0, atol=0.05)
+
+
 def test_a_clip_of_two_frames():
     two = {name: value[:2] if isinstance(value, np.ndarray) else value for name, value in vars(make_pool()).items()}
     two |= {name: two[name][:, :2] for name in ("targets", "confidence")}

@@ -45,7 +45,7 @@ def refused(argv: list[object], capsys: pytest.CaptureFixture[str]) -> str:
 
 def test_from_frames_to_a_run(frames: Path, capsys: pytest.CaptureFixture[str]):
     assert main([str(frames), "--steps", "2", "--seed", "4", *SET_TINY]) == 0
-    assert capsys.readouterr().out == "fitted sliding (8 frames of 32x32): runs/sliding\n"
+    assert capsys.readouterr().out == "fitted sliding (8 frames of 40x28): runs/sliding\n"
     loaded = checkpoint.load(Path("runs/sliding/checkpoint.pt"))
     assert (loaded.training["step"], loaded.training["seed"]) == (2, 4)
     assert loaded.config.preset == "cpu"

@@ -34,7 +34,7 @@ class TestTimes:
         clip = Clip("goat", self.frames, times=[0, 0.1, 0.2, 0.6])
         assert (clip.fps, clip.variable_rate) == (5.0, True)
 
-    @pytest.mark.parametrize("rate", [24, 30, 60, 240])
+    @pytest.mark.parametrize("rate", [24, 30, 60, 240, 400])
     def test_whole_milliseconds_make_no_variable_rate(self, rate: int):
         times = np.round(np.arange(100) * 1000 / rate) / 1000
         clip = Clip("goat", np.zeros((100, 2, 3, 3), np.uint8), times=times)

@@ -14,6 +14,7 @@ from torch import Tensor
 from decomotion.compositing import (
     THICK,
     THIN,
+    as_if_opaque,
     composite,
     composite_weights,
     fused_weights,
@@ -144,3 +145,9 @@ def test_static_confidence_is_the_static_share_and_1_of_nothing():
     static_share(weights, weights).sum().backward()
     assert weights.grad is not None
     assert torch.isfinite(weights.grad).all()
+
+
+def test_a_volume_alone_as_if_it_were_opaque():
+    """The mean by weight; a ray of less than a thousandth is left as good as black."""
+    colour, opacity = torch.tensor([[0.1], [0.4], [0.0005], [0.0]]), torch.tensor([[0.2], [1.0], [0.0005], [0.0]])
+    torch.testing.assert_close(as_if_opaque(colour, opacity), torch.tensor([[0.5], [0.4], [0.5], [0.0]]))

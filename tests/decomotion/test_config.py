@@ -36,13 +36,9 @@ def test_omnimotion_is_cpu_but_for_the_decomposition():
     single, fused = load("omnimotion"), load("cpu")
     assert single.optim == fused.optim
     assert single.data == fused.data.model_copy(update={"masks": "none", "features": "none"})
-    assert {name: weight for name, weight in single.loss.items() if weight} == {
-        name: fused.loss[name]
-        for name in (
-            *("flow_fused", "flow_robust", "photometric_fused"),
-            *("scene_flow", "distortion", "depth_range"),
-        )
-    }
+    guided = {f"{kind}_{volume}" for kind in ("flow", "photometric") for volume in ("static", "dynamic")}
+    off = {*guided, "feature", "segmentation"}
+    assert single.loss == {name: 0 if name in off else weight for name, weight in fused.loss.items()}
     assert single.model.volumes == "dynamic"
     unchanged = {"volumes": "fused", "dynamic": fused.model.dynamic}
     assert single.model.model_copy(update=unchanged) == fused.model

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 import torch.nn.functional as F
@@ -15,6 +17,7 @@ from decomotion.model.coupling import (
     MlpConditioner,
     enlarged,
     grid_size,
+    spacing,
 )
 from tiny_fit import randomised
 
@@ -223,3 +226,22 @@ def test_levels_are_enlarged_bilinearly_corners_on_corners(size: tuple[int, int]
     grids = torch.rand(5, 2, 4, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     expected = F.interpolate(grids, size=size, mode="bilinear", align_corners=True)
     torch.testing.assert_close(enlarged(grids, size), expected)
+
+
+@pytest.mark.parametrize("layers", [1, 2, 4])
+def test_an_mlp_has_the_layers_it_was_asked_for(layers: int):
+    """Of the configured width, each with its weights; then the output's."""
+    config = MlpConditionerConfig(kind="mlp", frequencies=2, encoding=5, hidden=7, layers=layers)
+    conditioner = MlpConditioner(config, code_size=6)
+    squares = [p for p in conditioner.parameters() if p.shape == (7, 7)]
+    assert len(squares) == layers - 1  # the first is from the encoding and the code
+    assert conditioner.encode.in_features == 2 + 2 * 2 * 2  # x and y, sine and cosine, two frequencies
+    torch.testing.assert_close(conditioner.frequencies, torch.tensor([math.pi, 2 * math.pi]))
+
+
+def test_cells_are_counted_along_the_longer_side():
+    half = torch.tensor([1.0, 0.55])
+    assert grid_size(half, 8) == (6, 9)
+    assert grid_size(half.flip(0), 8) == (9, 6)
+    assert spacing(half, torch.zeros(2, 5, 9)) == pytest.approx(0.25)  # 2 / 8 across, 1.1 / 4 down
+    assert spacing(half, torch.zeros(2, 12, 9)) == pytest.approx(0.1)  # 1.1 / 11

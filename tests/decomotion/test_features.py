@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -152,6 +153,56 @@ class TestDino:
         assert described.shape == (4, 6, 384)  # 64 x 96 pixels in patches of 16
         np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
 
+    def test_patches_of_imagenet_s_colours(self, monkeypatch: pytest.MonkeyPatch):
+        """White in units of ImageNet's spread; 512 pixels at most, and the class's token left out."""
+        from decomotion.data.features import dino
+
+        seen = []
+
+        class Tokens(torch.nn.Module):
+            embed_dim = 2
+            patch_embed = SimpleNamespace(patch_size=(8, 8))
+
+            def forward_features(self, image: torch.Tensor) -> torch.Tensor:
+                seen.append(image)
+                count = image.shape[-2] * image.shape[-1] // 64
+                return torch.stack([torch.arange(count + 1.0), torch.full((count + 1,), 3.0)], dim=-1)[None]
+
+        monkeypatch.setattr(dino, "_from_file", lambda _: Tokens())
+        described = dino.DinoFeatures("any")(np.full((300, 600, 3), 255, np.uint8))
+        assert seen[0].shape == (1, 3, 256, 512)
+        np.testing.assert_allclose(seen[0][0, :, 7, 9], [2.2489, 2.4286, 2.6400], atol=1e-4)
+        assert described.shape == (32, 64, 2)
+        np.testing.assert_allclose(described[0, 0], np.array([1, 3]) / 10**0.5, rtol=1e-5)  # the second token
+        np.testing.assert_allclose(described[1, 2], np.array([67, 3]) / 4498**0.5, rtol=1e-5)
+
+    @pytest.mark.parametrize(("channels", "name"), [(384, "vit_small_patch16_224"), (768, "vit_base_patch16_224")])
+    def test_a_file_s_channels_tell_the_network(
+        self, channels: int, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        import timm
+
+        from decomotion.data.features import dino
+
+        asked = []
+
+        def create(name: str, **options: object) -> torch.nn.Module:
+            asked.append((name, options["patch_size"]))
+            return torch.nn.Linear(2, 2, bias=False)
+
+        monkeypatch.setattr(timm, "create_model", create)
+        torch.save({"patch_embed.proj.weight": torch.zeros(channels, 3, 14, 14)}, tmp_path / "dino.pth")
+        with pytest.raises(SupervisionError, match=f"does not fit DINO's ViT-{'SB'[channels // 768]}"):
+            dino._from_file(str(tmp_path / "dino.pth"))
+        assert asked == [(name, 14)]
+
+    def test_weights_at_hand_need_no_network(self, monkeypatch: pytest.MonkeyPatch):
+        from decomotion.data.features import dino
+
+        monkeypatch.setattr(dino, "try_to_load_from_cache", lambda *_: "/somewhere/model.safetensors")
+        monkeypatch.setattr(dino, "urlopen", None)
+        dino._check_reachable()
+
     def test_of_another_depth(self, weights: Path):
         with pytest.raises(SupervisionError, match="does not fit DINO's ViT-S"):
             extractor("dino", weights)
@@ -214,6 +265,30 @@ class TestStage:
         expected = points / np.linalg.norm(points, axis=-1, keepdims=True)
         np.testing.assert_allclose(direction, expected, atol=0.01)  # float16
         assert read_reduction(tmp_path).vectors is None
+
+    def test_without_features_there_are_no_channels(self, tmp_path: Path):
+        assert build_feature_arrays(self.clip(), np.zeros((3, 20, 2), np.float32), None, 0, False, tmp_path) == {
+            "channels": 0
+        }
+        assert np.load(tmp_path / "feature.npy").shape == (3, 20, 0)
+
+    def test_a_sample_of_all_frames_decides_the_directions(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+        """Sixty points, fifteen at most: every fourth of each frame."""
+        from decomotion.data.features import stage
+
+        seen = []
+
+        def fit(sample: np.ndarray, size: int) -> Reduction:
+            seen.append(sample[:, 3].tolist())
+            return fit_reduction(sample, size)
+
+        monkeypatch.setattr(stage, "SAMPLE", 15)
+        monkeypatch.setattr(stage, "fit_reduction", fit)
+        points = np.zeros((3, 20, 2), np.float32)
+        points[..., 0] = np.arange(20) / 4 + np.arange(3)[:, None]
+        facts = build_feature_arrays(self.clip(), points, self.Plain(), 3, False, tmp_path)
+        assert seen == [[frame + step for frame in range(3) for step in range(5)]]
+        assert facts == {"channels": 3}
 
     def test_a_stopped_run_s_frames_are_found_again(self, tmp_path: Path):
         points = np.zeros((3, 20, 2), np.float32)

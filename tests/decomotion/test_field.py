@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 from torch import Tensor
@@ -100,3 +102,50 @@ def test_gabor_filter_does_not_blow_up_far_away():
     torch.manual_seed(0)
     gabor = GaborFilter(64, 256.0, 0.75)
     assert gabor(contract(1e6 * random(100, 3))).abs().max() <= 1 + 1e-5
+
+
+def test_gabor_filters_begin_as_configured():
+    """Of four filters each has a share: gamma is alpha / 4 on average, the frequencies input_scale / 2 sqrt(gamma)."""
+    torch.manual_seed(0)
+    field = GaborField(GaborFieldConfig(kind="gabor", width=4000, layers=3, input_scale=8.0, alpha=3.0), EXTENT)
+    assert len(field.filters) == 4
+    assert len(field.linears) == 3
+    for gabor in field.filters:
+        assert gabor.gamma.mean().item() == pytest.approx(0.75, rel=0.1)
+        assert gabor.gamma.var().item() == pytest.approx(0.75, rel=0.2)  # Gamma's variance is its mean
+        uniform = gabor.linear.weight / gabor.gamma.sqrt()[:, None]
+        assert uniform.abs().max().item() == pytest.approx(8.0 / 2 / 3**0.5, rel=0.01)
+        assert uniform.mean().item() == pytest.approx(0, abs=0.1)
+        assert gabor.linear.bias.abs().max().item() == pytest.approx(math.pi, rel=0.01)
+        assert (gabor.centre.min().item(), gabor.centre.max().item()) == pytest.approx((-1, 1), abs=0.01)
+    for linear in field.linears:
+        assert linear.weight.abs().max().item() == pytest.approx(4000**-0.5, rel=0.01)
+
+
+def test_planes_of_a_grid_field():
+    """Two normalised units, the longer side of the image, have 4 and 8 cells; z has as many for each of its units."""
+    torch.manual_seed(0)
+    field = GridField(GridFieldConfig(kind="grid", width=6, channels=30, image_cells=(4, 8), depth_cells=5), EXTENT)
+    # along x cells = 1.0 * cells + 1 values, along y 0.6 * cells, rounded up
+    assert [tuple(plane.shape) for plane in field.image_planes] == [(1, 30, 4, 5), (1, 30, 6, 9)]
+    assert tuple(field.depth_planes.shape) == (2, 30, 7, 6)
+    assert field.network[0].in_features == 30 * 4 + 3
+    for values in (*field.image_planes, field.depth_planes):
+        assert values.std().item() == pytest.approx(0.1, rel=0.15)
+        assert values.mean().item() == pytest.approx(0, abs=0.02)
+
+
+def test_a_grid_field_reads_its_planes_between_their_corners():
+    """Ramps over the planes come back as the coordinates; beyond the extent they stay as on its border."""
+    field = GridField(GridFieldConfig(kind="grid", width=6, channels=1, image_cells=(4,), depth_cells=4), EXTENT)
+    with torch.no_grad():
+        height, width = field.image_planes[0].shape[-2:]
+        field.image_planes[0][0, 0] = torch.linspace(-0.6, 0.6, height)[:, None].expand(-1, width)  # y
+        deep, across = field.depth_planes.shape[-2:]
+        field.depth_planes[0, 0] = torch.linspace(-1, 1, across).expand(deep, -1)  # x
+        field.depth_planes[1, 0] = torch.linspace(-1.2, 1.2, deep)[:, None].expand(-1, across)  # z
+    field.network = torch.nn.Identity()
+    points = torch.tensor([[0.3, -0.2, 0.9], [-0.71, 0.55, -1.1], [3.0, -0.9, 1.3]])
+    x, y, z = points[:, 0].clamp(-1, 1), points[:, 1].clamp(-0.6, 0.6), points[:, 2].clamp(-1.2, 1.2)
+    expected = torch.stack([y, x, z, x, y / 0.6, z / 1.2], dim=-1)  # the planes' values, then the place in the box
+    torch.testing.assert_close(field(points), expected, atol=1e-5, rtol=0)

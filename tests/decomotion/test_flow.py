@@ -18,8 +18,8 @@ from decomotion.data.flow.config import DisFlowConfig, FlowConfig, RaftFlowConfi
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.flow.folder import FolderFlow
 from decomotion.data.flow.interface import enlarged, to_raster
-from decomotion.data.flow.raft import from_princeton, load_raft
-from decomotion.errors import SupervisionError
+from decomotion.data.flow.raft import RaftFlow, from_princeton, load_raft
+from decomotion.errors import ConfigError, SupervisionError
 
 SHIFT = (3, -2)
 
@@ -87,6 +87,18 @@ class TestRasters:
         smaller = to_raster(field, (5, 4))
         assert smaller.shape == (4, 5, 2)
         np.testing.assert_allclose(smaller, np.tile(np.array([2.0, 2.0]), (4, 5, 1)), atol=1e-6)
+
+    @pytest.mark.parametrize("size", [(6, 3), (2, 9), (2, 3)])
+    def test_what_shrinks_on_any_axis_is_averaged(self, size: tuple[int, int]):
+        """Of 9 x 6 pixels every third row and column has a flow of 9, down or to the right; in the mean it is 3."""
+        field = np.zeros((9, 6, 2), np.float32)
+        field[2::3, :, 1] = field[:, 2::3, 0] = 9
+        found = to_raster(field, size)
+        assert found.shape == (size[1], size[0], 2)
+        if size[0] == 2:
+            np.testing.assert_allclose(found[..., 0], 3 / 3, atol=1e-6)
+        if size[1] == 3:
+            np.testing.assert_allclose(found[..., 1], 3 / 3, atol=1e-6)
 
     def test_the_limits_of_an_enlargement(self):
         assert enlarged(100, 200, 2.0, 1000) == (400, 200)
@@ -168,7 +180,7 @@ class TestRaft:
         original = {f"module.{_original_name(key)}": value for key, value in state.items()}
         for key in [key for key in original if ".downsample.1." in key and "cnet" in key]:
             original[key.replace("downsample.1", "norm3")] = original[key]  # registered twice in the original
-        stripped = {key.removeprefix("module."): value for key, value in original.items()}
+        stripped = {key.removeprefix("module."): original[key] for key in sorted(original)}  # norm3 in the middle
         assert from_princeton(stripped).keys() == state.keys()
 
     @pytest.mark.parametrize("content", ["text", "list", "other weights", "whole model"])
@@ -196,6 +208,47 @@ class TestRaft:
             SupervisionError, match=r"cannot be downloaded .* give a file with --flow-weights, or take --flow dis"
         ):
             build_flow(raft(None, "raft-large"))
+
+
+@pytest.fixture
+def plain_raft(monkeypatch: pytest.MonkeyPatch) -> list[Tensor]:
+    """In the place of RAFT's network one whose flow at a pixel is that pixel's place; it notes the images it sees."""
+    seen: list[Tensor] = []
+
+    class Places(torch.nn.Module):
+        def forward(self, first: Tensor, second: Tensor, num_flow_updates: int) -> list[Tensor]:
+            seen.extend((first, second))
+            y, x = torch.meshgrid(*(torch.arange(float(side)) for side in first.shape[-2:]), indexing="ij")
+            return [torch.zeros(1, 2, *first.shape[-2:]), torch.stack([x, y])[None]]
+
+    monkeypatch.setattr("decomotion.data.flow.raft.load_raft", lambda *_: Places())
+    return seen
+
+
+def test_raft_s_images_are_padded_evenly_and_cut_out_again(plain_raft: list[Tensor]):
+    """131 x 203 pixels lack 5 of a multiple of 8 on either axis: 2 on one side, 3 on the other."""
+    frame = np.full((131, 203, 3), 255, np.uint8)
+    frame[0] = frame[:, 0] = 0
+    field = RaftFlow(raft(None, upsample=1.0, max_side=512))(frame, frame)
+    first, second = plain_raft
+    assert first.shape == second.shape == (1, 3, 136, 208)
+    assert (first.min().item(), first.max().item()) == (-1, 1)
+    assert (first[..., :3, :] == -1).all()  # the border, repeated
+    assert (first[..., 3:, 3:] == 1).all()
+    y, x = np.mgrid[:131, :203]
+    np.testing.assert_array_equal(field, np.stack([x + 2, y + 2], axis=-1))
+
+
+def test_raft_s_frames_have_128_pixels_a_side_at_least(plain_raft: list[Tensor]):
+    frame = np.zeros((64, 40, 3), np.uint8)
+    assert RaftFlow(raft(None, upsample=1.0, max_side=512))(frame, frame).shape == (64, 40, 2)
+    assert plain_raft[0].shape == (1, 3, 208, 128)  # 40 x 64 enlarged 3.2 times
+
+
+@pytest.mark.parametrize("intervals", ["[2,4]", "[1,0]", "[-1,1]"])
+def test_gaps_that_do_not_reach_every_frame_are_refused(intervals: str):
+    with pytest.raises(ConfigError, match="gaps must be positive and one of them 1"):
+        load("cpu", overrides=(f"data.flow.intervals={intervals}",))
 
 
 def _original_name(key: str) -> str:
@@ -256,8 +309,15 @@ class TestFolder:
         estimator.require([(0, 1)])
         with pytest.raises(SupervisionError, match=r"lacks fields 1_0, 1_2; add them"):
             estimator.require([(0, 1), (1, 0), (1, 2)])
-        with pytest.raises(SupervisionError, match="and 3 more"):
+        with pytest.raises(SupervisionError, match="lacks fields 0_2, 1_3, 2_4, 3_5, 4_6 and 3 more; add them"):
             estimator.require([(frame, frame + 2) for frame in range(8)])
+        with pytest.raises(SupervisionError, match="lacks fields 0_2, 1_3, 2_4, 3_5, 4_6; add them"):
+            estimator.require([(frame, frame + 2) for frame in range(5)])
+
+    def test_a_raster_of_one_row_will_do(self, folder: Path):
+        np.save(folder / "0_1.npy", np.full((1, 4, 2), 0.5, np.float32))
+        frame = np.zeros((6, 8, 3), np.uint8)
+        np.testing.assert_allclose(self.flow(folder)(frame, frame, (0, 1)), np.full((6, 8, 2), (1.0, 3.0)))
 
     @pytest.mark.parametrize(
         ("field", "message"),
@@ -265,6 +325,7 @@ class TestFolder:
             (np.zeros((4, 4)), r"float64 \[4, 4\]; it must be float"),
             (np.zeros((4, 4, 3)), r"must be float \[h, w, 2\]"),
             (np.zeros((4, 4, 2), int), r"must be float \[h, w, 2\]"),
+            (np.zeros((0, 4, 2)), r"float64 \[0, 4, 2\]; it must be float"),
             (np.full((4, 4, 2), np.nan), "not finite"),
             (np.array([{}], object), "is damaged"),
         ],

@@ -132,3 +132,30 @@ def test_the_start_has_to_bring_the_way_back_nearer_by_a_tenth_of_a_unit(
     inside = (slice(0, height), slice(8, width - 8))
     for way in (0, 1):
         np.testing.assert_array_equal(chosen[way][inside], (others if taken else both)[way][inside])
+
+
+def test_a_start_over_two_frames_is_read_where_the_first_leads(tmp_path: Path) -> None:
+    """All goes 3 pixels right and 1 up, then by an eighth of the place it has got to; and back the other way."""
+    height, width = 24, 40
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    moved = np.broadcast_to(np.array([3, -1], np.float32), (height, width, 2))
+    ramp = np.stack([x / 8, -y / 8], axis=-1)
+    hops = {(0, 1): moved, (1, 2): ramp, (1, 0): -moved, (2, 1): -ramp}
+    starts: dict[tuple[int, int], Flow] = {}
+
+    class Noting(Searcher):
+        concurrent = False
+
+        def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
+            if start is not None:
+                starts[pair] = start
+            return np.array(hops.get(pair, 0 * moved), np.float32)
+
+    clip = Clip("still", np.zeros((3, height, width, 3), np.uint8), 24.0)
+    fields(clip, tmp_path / "flow", Noting()).compute((1, 2), progress=False)
+    inside = (slice(4, 20), slice(8, 32))
+    # fields are kept in half precision, and read at thirty-seconds of a pixel
+    there = np.stack([3 + (x + 3) / 8, -1 - (y - 1) / 8], axis=-1)
+    np.testing.assert_allclose(starts[0, 2][inside], there[inside], atol=0.01)
+    back = np.stack([-x / 8 - 3, y / 8 + 1], axis=-1)
+    np.testing.assert_allclose(starts[2, 0][inside], back[inside], atol=0.01)

@@ -44,6 +44,11 @@ def test_what_did_not_decode_is_counted_once():
     )
 
 
+def test_more_may_be_met_than_the_gap_holds():
+    found = met(EVEN[:7] + EVEN[8:], keys=range(39), losses=[Loss(7, 0.68), Loss(7, 0.72)])
+    assert "has lost 2 frames: 2 after frame 6 (0.60 s)" in str(sentence(found))
+
+
 def test_times_that_do_not_begin_at_zero():
     found = met([time + 3 for time in EVEN[:7] + EVEN[8:]], keys=(0, 7), losses=[Loss(9, 3.7)])
     assert sentence(found) == (

@@ -11,6 +11,7 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decomotion.clip import Clip
+from decomotion.data.links import matching
 from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.linking import Rematching, link
 from decomotion.data.links.matching import Matches, MatchStore, supporters
@@ -180,3 +181,67 @@ def test_what_is_there_is_not_matched_again(matched: Matched, tmp_path: Path, mo
     assert_array_equal(again.trusted, expected.trusted)
     monkeypatch.setattr("decomotion.data.links.matching.describe", None)  # nothing is missing
     matched(*images)
+
+
+def test_supporters_one_by_one() -> None:
+    """Cells up to two rows and columns away whose displacement differs by less than three quarters of a cell."""
+    random = np.random.default_rng(0)
+    displacement = random.normal(0, 0.5, (6, 9, 2)).astype(np.float32)
+    mutual = random.random((6, 9)) < 0.7
+    count = supporters(torch.from_numpy(displacement), torch.from_numpy(mutual))
+    for row, column in np.ndindex(6, 9):
+        expected = 0
+        for other_row, other_column in np.ndindex(6, 9):
+            near = max(abs(row - other_row), abs(column - other_column)) in (1, 2)
+            apart = np.hypot(*(displacement[row, column] - displacement[other_row, other_column]))
+            expected += bool(near and mutual[other_row, other_column] and apart < 0.75)
+        assert count[row, column] == expected
+
+
+def test_a_match_is_mutual_if_the_way_back_ends_at_most_one_cell_away() -> None:
+    """Six rows of five cells; the cell in row 2, column 2 leads to itself, and back to somewhere near."""
+    own = torch.arange(30)
+    for row, column, mutual in [(2, 2, True), (3, 3, True), (1, 2, True), (2, 4, False), (4, 2, False), (1, 4, False)]:
+        back = own.clone()
+        back[12] = 5 * row + column
+        assert matching._returns(own, back, width=5)[12] == mutual
+
+
+@pytest.mark.parametrize("shift", [-0.4, -0.1, 0.0, 0.3, 0.5])
+def test_a_parabola_is_read_at_its_top(shift: float) -> None:
+    samples = torch.arange(6.0)
+    values = (3 - 0.2 * (samples - 2 - shift) ** 2)[None]
+    torch.testing.assert_close(matching._peak(values, torch.tensor([2])), torch.tensor([shift]), atol=1e-5, rtol=0)
+    for top in (0, 5):  # at the border there is no third sample
+        assert matching._peak(values, torch.tensor([top])).item() == 0
+    assert matching._peak(torch.ones(1, 6), torch.tensor([2])).item() == 0
+
+
+def test_descriptors_are_squares_of_a_frame_of_256() -> None:
+    """White is (1, 0, 0) in Lab, each from -1 to 1 here; the raster is half of the reduced frame's."""
+    described = matching._describe(np.full((600, 300, 3), 255, np.uint8), matching.DenseSift())
+    assert described.shape == (128, 64, 2 * 128 + 3)
+    assert_allclose(described[5, 7, -3:], [1, 2 * (128 / 255 - 0.5), 2 * (128 / 255 - 0.5)], atol=1e-5)
+
+
+@pytest.mark.parametrize(("frames", "sampled"), [(3, [0]), (9, [0, 4, 8]), (40, [0, 5, 10, 15, 20, 25, 30, 35])])
+def test_the_reduction_is_of_every_fourth_frame_and_of_eight_at_most(
+    frames: int, sampled: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def described(frame: np.ndarray, _: object) -> np.ndarray:
+        return np.full((4, 6, 5), frame.flat[0], np.float32)
+
+    seen = []
+
+    def fit(samples: np.ndarray, channels: int) -> Callable[[np.ndarray], np.ndarray]:
+        seen.append(samples[:, 0, 0, 0].tolist())
+        assert samples.shape[1:] == (2, 3, 5)  # every other descriptor
+        return lambda values: np.repeat(values[..., :1], channels, axis=-1)
+
+    monkeypatch.setattr(matching, "_describe", described)
+    monkeypatch.setattr(matching, "fit_reduction", fit)
+    clip = clip_of(*(np.full((8, 12, 3), number, np.uint8) for number in range(frames)))
+    maps = matching.describe(clip)
+    assert seen == [sampled]
+    assert maps.shape == (frames, 4, 6, 64)
+    assert_array_equal(maps[:, 0, 0, 0], np.arange(frames))

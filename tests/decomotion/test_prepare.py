@@ -26,7 +26,7 @@ from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.errors import SupervisionError
-from tiny_fit import FRAMES, SIZE, TINY, TINY_CPU, on_square, sliding_square, true_target, write_frames
+from tiny_fit import FRAMES, HEIGHT, TINY, TINY_CPU, WIDTH, on_square, sliding_square, true_target, write_frames
 
 MIDDLE = FRAMES // 2
 
@@ -74,7 +74,7 @@ class TestContent:
     def test_what_leaves_the_image_or_is_covered_is_not_confident(self, pool: Pool):
         frame = np.arange(FRAMES)
         truth = true_target(pool.points[:, None], frame[:, None, None], frame[None, :, None])
-        gone = (truth < -1.5).any(-1) | (truth > SIZE + 0.5).any(-1)
+        gone = (truth < -1.5).any(-1) | (truth > np.array([WIDTH, HEIGHT]) + 0.5).any(-1)
         covered = ~on_square(pool.points, frame[:, None])[:, None] & on_square(truth, frame[None, :, None], margin=2)
         assert gone.any()
         assert covered.any()
@@ -89,8 +89,8 @@ class TestContent:
     def test_camera_and_object_start_near_their_motion(self, pool: Pool):
         """In normalised units a pixel is 2 / 32."""
         gap = np.arange(FRAMES) - MIDDLE
-        np.testing.assert_allclose(pool.camera[:, 0, 2], gap * 1 * 2 / SIZE, atol=0.05)
-        np.testing.assert_allclose(pool.object[:, 0, 2], gap * -2 * 2 / SIZE, atol=0.05)
+        np.testing.assert_allclose(pool.camera[:, 0, 2], gap * 1 * 2 / WIDTH, atol=0.05)
+        np.testing.assert_allclose(pool.object[:, 0, 2], gap * -2 * 2 / WIDTH, atol=0.05)
         np.testing.assert_allclose(pool.camera[:, :, :2], np.broadcast_to(np.eye(2), (FRAMES, 2, 2)), atol=0.05)
 
     def test_colours_are_the_clip_s(self, pool: Pool, clip: Clip):
@@ -107,11 +107,11 @@ class TestMasks:
         assert (prepare(clip, config("data.masks=none"), progress=False).moving == UNKNOWN_MOTION).all()
 
     def test_given(self, clip: Clip, tmp_path: Path):
-        masks = np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8)
-        masks[:, :, : SIZE // 2] = 255
+        masks = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+        masks[:, :, : WIDTH // 2] = 255
         write_frames(Clip("masks", masks, 24.0), tmp_path / "masks")
         pool = prepare(clip, config(f"data.masks={tmp_path / 'masks'}"), progress=False)
-        np.testing.assert_array_equal(pool.moving, np.round(pool.points[..., 0]) < SIZE // 2)
+        np.testing.assert_array_equal(pool.moving, np.round(pool.points[..., 0]) < WIDTH // 2)
 
     def test_that_do_not_fit(self, clip: Clip, tmp_path: Path):
         with pytest.raises(SupervisionError, match="has 0 images but the clip has 8 frames"):
@@ -284,6 +284,23 @@ class TestCache:
             write_frames(Clip("masks", np.full_like(clip.frames, level), 24.0), tmp_path / "masks")
             assert (prepare(clip, settings, progress=False).moving == (level > 0)).all()
         assert builds == ["links", "features", "motion", "motion"]
+
+    def test_the_same_masks_in_another_folder_are_the_same_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
+        masks = np.zeros((FRAMES, HEIGHT, WIDTH), np.uint8)
+        masks[:, 5:12, 3:20] = 255
+        for name in ("first", "second"):
+            write_frames(Clip(name, np.repeat(masks[..., None], 3, axis=-1), 24.0), tmp_path / name)
+        prepare(clip, config("data.features=none", f"data.masks={tmp_path / 'first'}"), progress=False)
+        builds.clear()
+        prepare(clip, config("data.features=none", f"data.masks={tmp_path / 'second'}"), progress=False)
+        assert builds == []
+
+    def test_weights_are_read_before_any_long_work(self, builds: list[str], clip: Clip, tmp_path: Path):
+        (tmp_path / "weights.pth").write_text("none")
+        settings = config("data.features=aliked", f"data.feature_weights={tmp_path / 'weights.pth'}")
+        with pytest.raises(SupervisionError, match="is not a file of weights"):
+            prepare(clip, settings, progress=False)
+        assert builds == []
 
     def test_a_killed_run_s_fields_and_gaps_are_gone_on_with(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch

@@ -14,7 +14,7 @@ from decomotion.cli import command as train
 from decomotion.data import prepare as preparation
 from decomotion.data.preview import COLUMNS, ROWS
 from decomotion.prepare_cli import command, main
-from tiny_fit import FRAMES, SIZE, TINY_CPU, sliding_square, write_frames
+from tiny_fit import FRAMES, HEIGHT, TINY_CPU, WIDTH, sliding_square, write_frames
 
 SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]
 
@@ -39,7 +39,7 @@ def test_prepares_and_says_where_and_how_much(frames: Path, capsys: pytest.Captu
         "links",
         "features",
         "motion",
-        "prepared sliding (8 frames of 32x32)",
+        "prepared sliding (8 frames of 40x28)",
     ]
     assert "256 points a frame" in lines[-1]
     assert "flow at gaps 1, 2, 4" in lines[-1]
@@ -131,7 +131,7 @@ def test_a_user_s_folder_of_flow(
     """Fields without motion: all points stay where they are."""
     for first in range(FRAMES):
         for second in range(FRAMES):
-            np.save(tmp_path / f"{first}_{second}.npy", np.zeros((SIZE // 2, SIZE, 2), np.float32))
+            np.save(tmp_path / f"{first}_{second}.npy", np.zeros((HEIGHT // 2, WIDTH, 2), np.float32))
     tiny = [part for override in TINY_CPU[1:] for part in ("--set", override)]
     assert main([str(frames), *tiny, "--flow", str(tmp_path)]) == 0
     assert "flow at gaps 1, 2, 4:" in capsys.readouterr().out

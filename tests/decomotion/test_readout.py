@@ -146,3 +146,27 @@ def test_a_point_that_something_hides_is_occluded_and_carried_on(monkeypatch: py
     given = ask(model, torch.tensor([[0.0, 15.0, 12.0], [0.0, 3.0, 12.0]]), torch.arange(2))
     torch.testing.assert_close(given.xy, torch.tensor([[15.0, 12.0], [3.0, 12.0]])[:, None].expand(2, 2, 2))
     assert (given.occlusion > 0.5).tolist() == [[False, True], [False, False]]
+
+
+@pytest.mark.parametrize(("height", "width"), [(40, 24), (30, 64)])
+@pytest.mark.parametrize("static", [True, False])
+def test_occlusion_by_hand_at_the_image_s_border(height: int, width: int, static: bool):
+    """What moves onto the outer half of a border pixel is compared with that pixel's middle, 0.4 pixels away.
+
+    The score is e / (e + 2), e the error in units: pixels of a frame whose longer side is 256.
+    """
+    pixels = max(height, width)
+    middle = (width // 2, height // 2)
+    places = [(width - 1, middle[1], 0.4, 0), (0, middle[1], -0.4, 0), (middle[0], height - 1, 0, 0.4)]
+    places += [(middle[0], 0, 0, -0.4), (*middle, 0.4, 0.4), (width - 1, middle[1], 0.6, 0), (middle[0], 0, 0, -0.6)]
+    error = 0.4 * 256 / pixels
+    expected = [error / (error + 2)] * 4 + [0, 1, 1]
+    for (x, y, right, down), score in zip(places, expected, strict=True):
+        start = torch.eye(3, 4).repeat(3, 1, 1)
+        start[2, :2, 3] = -torch.tensor([right, down]) * 2 / pixels
+        model = tiny_model(
+            "cpu", frames=3, height=height, width=width, start=start, overrides=("model.occlusion_scale=2.0",)
+        )
+        given = ask(owned_by(model, static=static), torch.tensor([[0.0, x, y]]), torch.tensor([2]))
+        torch.testing.assert_close(given.xy[0, 0], torch.tensor([x + right, y + down]), rtol=0, atol=1e-3)
+        assert given.occlusion[0, 0].item() == pytest.approx(score, abs=2e-3)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from decomotion.data.stages import ABANDONED_SECONDS, Stage, remove_abandoned, write_whole
+from decomotion.data.stages import Stage, remove_abandoned, write_whole
 
 
 def stage(root: Path, **settings: Any) -> Stage:
@@ -75,8 +75,9 @@ def test_a_folder_without_a_record_is_not_believed(tmp_path: Path):
     assert (record.folder / "array").read_text() == "content"
 
 
-def test_two_at_a_time_build_once(tmp_path: Path):
+def test_two_at_a_time_build_once(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     built = []
+    caplog.set_level("INFO")
 
     def slowly(folder: Path) -> dict[str, Any]:
         built.append(folder)
@@ -90,6 +91,7 @@ def test_two_at_a_time_build_once(tmp_path: Path):
         run.join(60)
     assert len(built) == 1
     assert stage(tmp_path).finished
+    assert caplog.text.count("another run is preparing the part of this clip; waiting for it") == 2
 
 
 def test_what_was_left_long_ago_goes(tmp_path: Path):
@@ -97,7 +99,8 @@ def test_what_was_left_long_ago_goes(tmp_path: Path):
         with pytest.raises(AssertionError):
             stage(tmp_path, side=side).run(fail)
     old, young = (tmp_path / f".{stage(tmp_path, side=side).folder.name}.partial" for side in (1, 2))
-    os.utime(old, (0, time.time() - 2 * ABANDONED_SECONDS))
+    os.utime(old, (0, time.time() - 7.1 * 24 * 3600))
+    os.utime(young, (0, time.time() - 6.9 * 24 * 3600))
     remove_abandoned(tmp_path)
     assert not old.exists()
     assert young.exists()

@@ -153,3 +153,11 @@ def test_other_files(tmp_path: Path):
     np.save(tmp_path / "one.npy", np.zeros(3))
     with pytest.raises(SupervisionError, match=r"is not an \.npz file of plain arrays"):
         read_tracks(tmp_path / "one.npy", CLIP)
+
+
+def test_points_outside_are_looked_at_in_the_nearest_pixel(tmp_path: Path):
+    content = arrays()
+    content["tracks"][1, 2] = (-3, 40)
+    content["tracks"][2, 2] = (50, -1)
+    points = read_tracks(saved(tmp_path, **content), CLIP).points(CLIP)
+    np.testing.assert_array_equal(points[2, 1:3], [[0, HEIGHT - 1], [WIDTH - 1, 0]])

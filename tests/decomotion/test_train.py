@@ -256,7 +256,7 @@ def test_a_short_time_leaves_preparation_a_share_of_it(tmp_path: Path):
 
 
 def test_another_clip_on_resume(tiny_run: Path):
-    with pytest.raises(CheckpointError, match=r"was fitted to another clip \(sliding, 8 frames of 32x32\)"):
+    with pytest.raises(CheckpointError, match=r"was fitted to another clip \(sliding, 8 frames of 40x28\)"):
         fit(sliding_square(5), tiny_run, resume=True, progress=False)
 
 

@@ -160,6 +160,10 @@ class TestStreams:
         assert read_clip(path).frames.shape == self.film.shape
         assert read_clip(f"{path}@1:3").frames.shape == (2, 32, 48, 3)
 
+    def test_the_default_stream_may_be_the_smaller(self, tmp_path: Path):
+        streams = [("libx264", self.film, False), ("libx264", self.small, True)]
+        assert read_clip(write_streams(tmp_path / "film.mp4", streams)).frames.shape == self.small.shape
+
     def test_a_picture_alone_is_none(self, tmp_path: Path):
         with pytest.raises(ClipError, match="has one frame"):
             read_clip(write_streams(tmp_path / "cover.mp4", [("mjpeg", self.picture, True)]))

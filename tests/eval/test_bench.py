@@ -242,6 +242,15 @@ def test_bad_input_is_one_sentence(
     assert calls("right") == 1
 
 
+def test_a_place_that_cannot_be_written_is_found_first(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert bench("--out", str(tmp_path / "file" / "out")) == 2
+    assert capsys.readouterr().err.startswith(f"Error: --out {tmp_path / 'file' / 'out'} cannot be written")
+    assert not Path("calls").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -98,7 +98,10 @@ def test_chosen_videos_and_mode(
         (["{dataset}", "--predictions", "{folder}", "--query-mode", "dense"], "'dense' is not one of"),
         (["{dataset}", "--predictions", "{folder}", "--query-mode", "first"], "other mode"),
         (["nowhere.pkl", "--predictions", "{folder}"], "nowhere.pkl cannot be opened"),
-        (["{dataset}", "--predictions", "{folder}", "--json", "{dataset}/x.json"], "dataset.pkl: "),
+        (
+            ["{dataset}", "--predictions", "{folder}", "--json", "{dataset}/x.json"],
+            "dataset.pkl/x.json cannot be written",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import decomo_eval
 from decomo_eval.errors import EvalError
-from decomo_eval.metrics import THRESHOLDS, tapvid_metrics, temporal_coherence
+from decomo_eval.metrics import THRESHOLDS, reappeared, tapvid_metrics, temporal_coherence
 
 NAMES = [
     "occlusion_accuracy",
@@ -246,6 +246,8 @@ def test_temporal_coherence_needs_three_frames(frames: int) -> None:
         ({"pred_tracks": np.zeros((1, 3, 5, 2)), "pred_occluded": np.zeros((1, 3, 5))}, "one shape"),
         ({"query_points": np.zeros((3, 3))}, "query_points must be"),
         ({"query_points": np.full((1, 3, 3), 100.0)}, "query frames must lie in 0..3"),
+        ({"query_points": np.full((1, 3, 3), 4.0)}, "query frames must lie in 0..3"),
+        ({"query_points": np.full((1, 3, 3), -1.0)}, "query frames must lie in 0..3"),
     ],
 )
 def test_wrong_arguments_are_named(change: dict[str, Any], words: str) -> None:
@@ -261,3 +263,27 @@ def test_public_names_are_the_functions() -> None:
     assert set(decomo_eval.__all__) <= set(dir(decomo_eval))
     with pytest.raises(AttributeError, match="nothing"):
         _ = decomo_eval.nothing  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize("query_mode", ["first", "strided"])
+def test_reappearing_is_being_seen_again_after_a_hidden_frame_in_between(query_mode: str) -> None:
+    random = np.random.default_rng(3)
+    occluded = random.random((2, 5, 9)) < 0.4
+    queries = np.stack([random.integers(0, 9, (2, 5)), *random.uniform(0, 256, (2, 2, 5))], axis=-1)
+    found = reappeared(queries, occluded, query_mode)
+    expected = np.zeros_like(occluded)
+    for video, point, frame in np.ndindex(occluded.shape):
+        asked = int(queries[video, point, 0])
+        counts = frame > asked if query_mode == "first" else frame != asked
+        hidden = occluded[video, point, min(frame, asked) + 1 : max(frame, asked)]
+        expected[video, point, frame] = counts and not occluded[video, point, frame] and hidden.any()
+    np.testing.assert_array_equal(found, expected)
+    assert expected.any()
+
+
+def test_reappearing_by_hand() -> None:
+    """Of a query in frame 8 that is hidden in 3 and 4, frames 0 to 2; what is hidden in its own frame says nothing."""
+    occluded = np.zeros((1, 1, 10), bool)
+    occluded[0, 0, [3, 4, 8]] = True
+    found = reappeared(np.array([[[8.2, 5.0, 5.0]]]), occluded, "strided")
+    assert np.flatnonzero(found).tolist() == [0, 1, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,32 @@ def test_answers_to_other_questions_are_refused(
     write_predictions("left", **{key: change(right)})
     with pytest.raises(PredictionError, match=words):
         from_npz(file, *left)
+
+
+@pytest.mark.parametrize("query_mode", ["first", "strided"])
+def test_as_many_queries_as_frames_do_not_hide_another_order(
+    dataset: Path,
+    dataset_content: dict[str, Any],
+    write_predictions: WritePredictions,
+    query_mode: str,
+) -> None:
+    rng = np.random.default_rng(3)
+    entry, frames = dataset_content["left"], 11
+    points = frames if query_mode == "first" else 4  # strided: asked in frames 0, 5 and 10
+    entry["points"] = rng.uniform(0.1, 0.9, (points, 1, 2)) + 0.002 * rng.normal(size=(points, frames, 2))
+    entry["occluded"] = np.zeros((points, frames), bool)
+    entry["occluded"][-1, 5] = True
+    dataset.write_bytes(pickle.dumps(dataset_content))
+    video = read_dataset(dataset)["left"]
+    queries = sample_queries(video, query_mode)
+    assert len(queries.points) == video.num_frames
+    file = write_predictions("left", query_mode=query_mode) / "left.npz"
+    np.testing.assert_allclose(from_npz(file, video, queries).tracks, queries.tracks, atol=1e-3)
+    with np.load(file) as arrays:
+        turned = {key: arrays[key].swapaxes(0, 1) for key in ("tracks", "occluded")}
+    write_predictions("left", query_mode=query_mode, **turned)
+    with pytest.raises(PredictionError, match="queries and frames exchanged, of which there are 11 each"):
+        from_npz(file, video, queries)
 
 
 def test_a_lost_point_is_named(write_predictions: WritePredictions, left: tuple[Video, Queries]) -> None:

@@ -226,6 +226,17 @@ def test_plots_alone_are_svg_files(dataset: Path, write_predictions: WritePredic
         assert any(source.endswith(base64.b64encode(file.read_bytes()).decode()) for source in page.loaded)
 
 
+def test_a_film_of_a_video_without_a_name(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions, tmp_path: Path
+) -> None:
+    folder = write_predictions("left")
+    (folder / "left.npz").rename(folder / ".npz")
+    dataset.write_bytes(pickle.dumps({"": dataset_content["left"]}))
+    command = ["tapvid", str(dataset), "--predictions", str(folder)]
+    assert main([*command, "--overlay", str(tmp_path / "films")]) == 0
+    assert [file.name for file in (tmp_path / "films").iterdir()] == ["video.mp4"]
+
+
 def test_films_show_prediction_and_truth(dataset: Path, write_predictions: WritePredictions, tmp_path: Path) -> None:
     command = ["tapvid", str(dataset), "--predictions", str(write_predictions("left", "right"))]
     assert main([*command, "--overlay", str(tmp_path / "films")]) == 0

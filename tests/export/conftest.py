@@ -15,7 +15,7 @@ from decomotion import checkpoint
 from decomotion.checkpoint import FILE_NAME, ClipFacts
 from decomotion.config import load
 from tiny_export import Export
-from tiny_fit import FRAMES, SIZE, TINY_PAPER, randomised, sliding_square, tiny_model
+from tiny_fit import FRAMES, HEIGHT, TINY_PAPER, WIDTH, randomised, sliding_square, tiny_model
 
 
 @pytest.fixture(scope="session")
@@ -65,7 +65,7 @@ def quantised(tmp_path_factory: pytest.TempPathFactory) -> Export:
 def random_networks(folder: Path, *overrides: str) -> Path:
     """A run of the `paper` preset that was never fitted."""
     config = load("paper", overrides=(*TINY_PAPER, *overrides))
-    model = randomised(tiny_model("paper", frames=FRAMES, height=SIZE, width=SIZE, overrides=overrides), 0.05)
+    model = randomised(tiny_model("paper", frames=FRAMES, height=HEIGHT, width=WIDTH, overrides=overrides), 0.05)
     checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {"step": 1})
     return folder
 

@@ -31,7 +31,7 @@ def test_it_says_what_it_wrote_and_the_parity_it_measured(fitted: Export):
 
 def test_the_runtime_says_what_torch_says(exported: Export):
     tracker = Tracker(exported.path, threads=1)
-    assert (tracker.clip_name, tracker.num_frames, tracker.height, tracker.width) == ("sliding", 8, 32, 32)
+    assert (tracker.clip_name, tracker.num_frames, tracker.height, tracker.width) == ("sliding", 8, 28, 40)
     queries = random_queries(20)
     queries[:, 1:] = queries[:, 1:].clip(0, 31)
     xy, occlusion, *_ = exported.ask_torch(queries, np.arange(FRAMES))
@@ -66,7 +66,7 @@ def test_the_dataset_is_what_it_should_be(tmp_path: Path):
     """Against the pixels: the colour along a true track does not change."""
     clip = sliding_square()
     record = pickle.loads(write_truth(clip, tmp_path / "dataset.pkl").read_bytes())["sliding"]
-    x, y = np.round(record["points"] * 32 - 0.5).astype(int).transpose(2, 0, 1)
+    x, y = np.round(record["points"] * (40, 28) - 0.5).astype(int).transpose(2, 0, 1)
     colours = clip.frames[np.arange(FRAMES), y, x]
     assert (colours == colours[:, :1]).all()
 

@@ -117,8 +117,8 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_FORMAT_VERSION: str(contract.FORMAT_VERSION),
         contract.META_CLIP_NAME: "sliding",
         contract.META_NUM_FRAMES: "8",
-        contract.META_HEIGHT: "32",
-        contract.META_WIDTH: "32",
+        contract.META_HEIGHT: "28",
+        contract.META_WIDTH: "40",
         contract.META_FPS: "24.0",
         contract.META_PRESET: preset,
         contract.META_OCCLUSION_THRESHOLD: "0.5",
@@ -135,7 +135,7 @@ def test_metadata_of_an_unusual_clip(tmp_path: Path):
     frames = sliding_square().frames
     metadata = unusual_metadata(ClipFacts.of(Clip("phone", frames, times=times, pixel_aspect=16 / 11)))
     assert unusual_metadata(ClipFacts.of(Clip("plain", frames, 24.0))) == {}
-    size = {"num_frames": 8, "height": 32, "width": 32}
+    size = {"num_frames": 8, "height": 28, "width": 40}
     tracker = Tracker(write_tiny_model(tmp_path / "model.onnx", **size, metadata=metadata))
     np.testing.assert_allclose(tracker.times, times, atol=1e-6)
     assert tracker.pixel_aspect == 16 / 11

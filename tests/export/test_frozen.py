@@ -166,3 +166,28 @@ def test_cells_of_a_large_table_are_counted_in_double_precision(monkeypatch: pyt
     assert (single.stride.dtype, double.stride.dtype) == (torch.float32, torch.float64)
     for one, other in zip(single(place, frame), double(place, frame), strict=True):
         assert torch.equal(one, other)
+
+
+def test_cells_by_hand():
+    """Two frames of 3 rows and 5 columns of samples: 2 x 4 cells, numbered row by row, each frame by frame."""
+    place = torch.tensor([[1.25, 0.0, 4.0, -3.0, 9.0], [1.5, 0.0, 2.0, 0.75, -1.0]])
+    number, within = Raster(2, 3, 5)(place, torch.tensor([1, 0, 0, 1, 0]))
+    assert number.tolist() == [2 * (4 + 1) + 1, 0, 2 * (4 + 3), 1, 2 * 3]
+    expected = torch.tensor([[0.25, 0.0, 1.0, 0.0, 1.0], [0.5, 0.0, 1.0, 0.75, 0.0]])
+    torch.testing.assert_close(within, expected)
+    alone, _ = Raster(1, 3, 5)(place, None)
+    assert alone.tolist() == [5, 0, 7, 0, 3]
+
+
+@pytest.mark.parametrize("preset", ["cpu", "paper"])
+def test_memory_of_a_ray_is_that_of_its_samples_and_of_one_where_surfaces_are_baked(preset: str):
+    """Float32 of so many samples, times 64 channels or the widest layer, times arrays in use."""
+    models = {
+        samples: tiny_model(preset, height=HEIGHT, width=WIDTH, overrides=(f"model.samples={samples}",)).eval()
+        for samples in (3, 12)
+    }
+    rendered = {samples: QueryGraph(model, "none") for samples, model in models.items()}
+    baked = QueryGraph(models[12], "depth")
+    assert rendered[12].bytes_per_ray == 4 * rendered[3].bytes_per_ray
+    assert rendered[12].bytes_per_rendered_ray == rendered[12].bytes_per_ray == baked.bytes_per_rendered_ray
+    assert baked.bytes_per_ray == rendered[12].bytes_per_ray / 12

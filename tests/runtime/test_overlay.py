@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from decomo_runtime import ModelFacts, OverlayError, Tracks
+from decomo_runtime import ModelFacts, OverlayError, Tracks, overlay
 from decomo_runtime.overlay import Painter, check_clip, contact_sheet, draw_tracks, rainbow
 from decomotion.clip import Clip
 
@@ -153,3 +153,57 @@ def test_check_clip():
     for shape in ((2, 4, 6, 3), (3, 6, 4, 3)):
         with pytest.raises(OverlayError, match=f"the clip cat has {shape[0]} frames of {shape[2]}x{shape[1]} but"):
             check_clip(Clip("cat", np.zeros(shape, np.uint8), 24.0), model)
+
+
+def test_rainbow_by_hand():
+    """Hue 150 along 0.6 of the width and 0.4 of the height of the box of all queries; a quarter of white in it."""
+    places = [(10, 20), (110, 60), (110, 20), (60, 40)]
+    queries = np.array([(3, x, y) for x, y in places], np.float32)
+    red, magenta, two_thirds, half = rainbow(queries).tolist()
+    assert red == [255, 64, 64]
+    assert magenta == [255, 64, 255]  # 300 degrees
+    assert two_thirds == [64, 255, 255]  # 0.6 * 300 = 180 degrees: cyan
+    assert half == [64, 255, 160]  # 150 degrees: between green and cyan
+
+
+@pytest.mark.parametrize(("points", "radius"), [(1, 2.7), (400, 2.041), (1000, 1.291), (10_000, 0.81), (0, 2.7)])
+def test_discs_are_a_sixth_of_the_spacing_within_what_is_legible(points: int, radius: float):
+    """Of a canvas of 300 x 200: at most 0.009 of its longer side, and not below 0.3 of that."""
+    pen = overlay._pen_for(points, np.zeros((200, 300, 3), np.uint8))
+    assert pen.radius == pytest.approx(radius, abs=1e-3)
+    assert pen.thickness == max(1, round(0.55 * pen.radius))
+
+
+def test_a_disc_has_its_ink_and_a_dark_rim():
+    frame = grey_clip(1, 600, 900)
+    (drawn,) = draw_tracks(frame, tracks_at([[(400, 300)], [(800, 500)]], [[False], [False]], [0]))
+    assert drawn[300, 400].tolist() == [255, 64, 64]
+    assert drawn[500, 800].tolist() == [255, 64, 255]
+    # 0.009 * 900 = 8.1 pixels, then a rim of one, 0.55 black over grey of 0.8 * 100
+    assert drawn[300, 407].tolist() == [255, 64, 64]
+    assert drawn[300, 412].tolist() == [80, 80, 80]
+    assert 36 <= drawn[300, 410].max() < 80
+
+
+def test_frames_are_muted():
+    """0.8 of the light; 0.55 of the colour kept, the rest grey: 0.299, 0.587 and 0.114 of red, green and blue."""
+    frame = np.full((1, 600, 900, 3), (200, 100, 0), np.uint8)
+    (drawn,) = draw_tracks(frame, tracks_at([[(0, 0)]], [[False]], [0]))
+    grey = 0.299 * 200 + 0.587 * 100
+    expected = [0.8 * (0.55 * channel + 0.45 * grey) for channel in (200, 100, 0)]
+    np.testing.assert_allclose(drawn[300, 400], expected, atol=1)
+    (white,) = draw_tracks(np.full((1, 600, 900, 3), 255, np.uint8), tracks_at([[(0, 0)]], [[False]], [0]))
+    assert white[300, 400].tolist() == [204] * 3
+
+
+def test_the_sheet_has_eight_white_pixels_between_frames():
+    sheet = contact_sheet([np.zeros((6, 10, 3), np.uint8)] * 3)
+    assert sheet.shape == (6, 10 * 3 + 8 * 2, 3)
+    assert (sheet[:, 10:18] == 255).all()
+    assert not sheet[:, 18:28].any()
+
+
+def test_a_whole_ink_covers_and_none_leaves_all():
+    canvas = np.full((1, 3, 3), 255, np.uint8)
+    layer = np.array([[(0, 0, 0, 0), (10, 20, 30, 255), (100, 0, 0, 51)]], np.uint8)
+    assert overlay._laid_over(canvas, layer)[0].tolist() == [[255] * 3, [10, 20, 30], [255, 204, 204]]

@@ -11,7 +11,7 @@ from decomo_runtime import removal as removal_module
 from decomo_runtime.objects import Objects
 from decomo_runtime.removal import propagate, remove_objects
 from decomo_runtime.scene_motion import follow_scene
-from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE, sliding_square
+from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
 
 FRAME = 4
@@ -24,7 +24,7 @@ def scene_of(frame: int) -> tuple[np.ndarray, np.ndarray]:
     for y, x in np.argwhere(square_mask(frame)):
         for other in range(FRAMES):
             there = x + round(SCENE_VELOCITY[0] * (other - frame))
-            if 0 <= there < SIZE and not square_mask(other)[y, there]:
+            if 0 <= there < WIDTH and not square_mask(other)[y, there]:
                 colour[y, x], known[y, x] = frames[other, y, there], True
     return colour, known
 
@@ -69,7 +69,7 @@ def test_rasters_smaller_than_the_clip_and_not_square(monkeypatch: pytest.Monkey
     assert behind.sum() > 100
     apart = np.abs(made[behind].astype(float) - expected[:height][behind]).max(axis=1)
     assert (apart <= 3).sum() >= fewest
-    far = np.ones((height, SIZE), bool)
+    far = np.ones((height, WIDTH), bool)
     rows, columns = np.nonzero(square_mask(FRAME))
     far[max(0, rows.min() - 4) : rows.max() + 5, max(0, columns.min() - 4) : columns.max() + 5] = False
     np.testing.assert_array_equal(made[far], frames[FRAME][far])
@@ -79,7 +79,7 @@ def test_far_from_the_square_the_clip_s_own_pixels_stay():
     frames = sliding_square().frames
     (made,) = remove_objects(tracker(), frames, [FRAME])
     far = objects(frames).share(FRAME) == 0
-    assert far.sum() > SIZE * SIZE / 3
+    assert far.sum() > HEIGHT * WIDTH / 3
     np.testing.assert_array_equal(made[far], frames[FRAME][far])
 
 

@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
+import tiny_fit
 from decomo_runtime import Tracker, Tracks, contract, removal, render
 from decomo_runtime.contract import LAYERS, META_OBJECT_SHARE
 from decomo_runtime.pictures import flattened
 from decomo_runtime.render_cli import main
 from decomotion.clip import read_clip
-from tiny_fit import FRAMES, SIZE
+from full_disk import writes_end_at
+from tiny_fit import FRAMES
 from tiny_model import write_tiny_model
 from true_tracker import TrueTracker
 
@@ -68,6 +70,16 @@ def test_a_variable_rate_and_pixels_that_are_not_square(
         shape = Fraction(stream.width, stream.height) * (stream.sample_aspect_ratio or 1)
         assert float(shape) == pytest.approx(WIDTH / HEIGHT * 16 / 11, rel=0.02)
     np.testing.assert_allclose(shown, times[2:] - times[2], atol=0.001)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.webm", "a.mov", "pngs"])
+def test_a_full_disk_leaves_nothing(model_path: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "new" / name
+    with writes_end_at(1000):
+        assert run(model_path, "--layer", "all", "--size", "256", "--out", out) == 2
+    said = capsys.readouterr().err
+    assert said.split("\r")[-1] == f"Error: {out}: File too large\n"  # the bar is gone
+    assert list(out.parent.iterdir()) == []
 
 
 def test_objects_as_pngs_with_alpha(model_path: Path, tracker: Tracker, tmp_path: Path):
@@ -163,7 +175,7 @@ def test_tracks_on_a_layer_of_the_size_asked_for(model_path: Path, tracker: Trac
 def test_the_clip_without_its_objects(
     tiny_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    model = write_tiny_model(tmp_path / "model.onnx", num_frames=FRAMES, height=SIZE, width=SIZE)
+    model = write_tiny_model(tmp_path / "model.onnx", num_frames=FRAMES, height=tiny_fit.HEIGHT, width=tiny_fit.WIDTH)
     true = TrueTracker()
     monkeypatch.setattr(Tracker, "sample", lambda self, queries: true.sample(queries))
     monkeypatch.setattr(Tracker, "track", lambda self, queries: true.track(queries))
@@ -219,7 +231,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
 
 def test_a_clip_that_is_not_the_models(model_path: Path, tiny_clip: Path, capsys: pytest.CaptureFixture[str]):
     assert run(model_path, "--remove-objects", "--clip", tiny_clip, "--out", model_path.parent / "new") == 2
-    assert "the clip sliding has 8 frames of 32x32 but the model was fitted to slide" in capsys.readouterr().err
+    assert "the clip sliding has 8 frames of 40x28 but the model was fitted to slide" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("out", ["new", "new.mp4"])

@@ -6,7 +6,7 @@ import pytest
 
 from decomo_runtime import RenderError, Tracks
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
-from tiny_fit import FRAMES, SCENE_VELOCITY, SIZE
+from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH
 from true_tracker import TrueTracker
 
 TURN = np.array([[0.98, -0.1, 9.0], [0.1, 0.98, -5.0], [2e-4, 1e-4, 1.0]])
@@ -94,7 +94,7 @@ def test_many_places_at_once_are_as_one_by_one():
 def test_the_scene_behind_the_square_moves_with_the_scene():
     motion = follow_scene(TrueTracker())
     field = motion.field(3, 5)
-    expected = np.stack(np.meshgrid(np.arange(SIZE), np.arange(SIZE)), axis=-1) + 2 * SCENE_VELOCITY
+    expected = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1) + 2 * SCENE_VELOCITY
     np.testing.assert_allclose(field, expected, atol=0.05)
     assert all(motion.knows(0, frame) for frame in range(FRAMES))
 
@@ -106,3 +106,22 @@ def test_the_scene_is_what_no_object_owns(share: float, static: float, others: f
     np.testing.assert_allclose(motion.carry([(0.0, 0.0)], 3, 5), [2 * SCENE_VELOCITY], atol=0.05)
     with pytest.raises(RenderError, match=r"sliding\.onnx holds nothing in sliding to be static"):
         follow_scene(TrueTracker(others, object_share=share))
+
+
+def test_parallax_is_read_where_it_is():
+    """The scene parts along x = 47.5, and along y = 31.5: each half goes its own way by 0.8 pixels."""
+    y, x = np.mgrid[0:64:1.5, 0:96:1.5]
+    here = np.stack([x, y], axis=-1).reshape(-1, 2)
+    for axis, middle in ((0, 47.5), (1, 31.5)):
+        there = here.copy()
+        there[:, axis] += 0.8 * np.sign(here[:, axis] - middle)
+        xy = np.stack([here, there], axis=1).astype(np.float32)
+        seen = np.zeros((len(here), 2), bool)
+        queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
+        motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+        along = np.full((200, 2), (40.0, 26.0))
+        along[:, axis] = middle + np.linspace(-6, 6, 200)
+        shift = (motion.carry(along, 0, 1) - along)[:, axis]
+        assert shift[0] == pytest.approx(-0.8, abs=0.15)
+        assert shift[-1] == pytest.approx(0.8, abs=0.15)
+        assert along[np.abs(shift).argmin(), axis] == pytest.approx(middle, abs=0.7)

@@ -43,9 +43,7 @@ def build_feature_arrays(
     reduction = read_reduction(folder)
     channels = len(reduction.mean) if reduction.vectors is None else reduction.vectors.shape[1]
     place = folder / "feature.npy"
-    if not readable(place):
-        allocated_memmap(place, np.float16, (*points.shape[:2], channels))
-    feature = np.load(place, mmap_mode="r+")
+    feature = allocated_memmap(place, np.float16, (*points.shape[:2], channels), keep=readable(place))
     for frame in range(len(clip)):
         file = read / f"{frame}.npy"
         if file.is_file():

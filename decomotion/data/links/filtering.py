@@ -118,8 +118,7 @@ def build_filtered(
 ) -> dict[str, Any]:
     """Fills the stage's folder with another `confidence`; links of the user's tracks, after the grid's, are kept."""
     frames, on_grid = len(points), grid.rows * grid.columns
-    shape = confidence.shape
-    kept = allocated_memmap(folder / "confidence.npy", np.uint8, shape)
+    kept = allocated_memmap(folder / "confidence.npy", np.uint8, confidence.shape)
     for i in tqdm(range(frames), "filter", disable=not progress, leave=False):
         kept[i] = confidence[i]
         for j in range(frames):

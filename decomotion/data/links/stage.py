@@ -83,10 +83,9 @@ def build_links(
     np.save(folder / "points.npy", shown)
     np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
     count = shown.shape[1]
-    if not parts_done(folder):
-        allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2))
-        allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count))
-    targets, confidence = (np.load(folder / f"{name}.npy", mmap_mode="r+") for name in ("targets", "confidence"))
+    begun = parts_done(folder) > 0
+    targets = allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2), keep=begun)
+    confidence = allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count), keep=begun)
     linker = _Linker(clip, config, flows, intervals, matches)
     linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)

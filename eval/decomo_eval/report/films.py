@@ -17,12 +17,15 @@ from decomo_runtime.pictures import write_video
 FPS = 24.0
 """Frames a second; TAP-Vid's files do not tell."""
 
+NAMELESS = "video"
+"""The file's name where the video's is empty."""
+
 Image = npt.NDArray[np.uint8]
 
 
 def write_film(scored: Scored, folder: str | Path, mark: str = "ring") -> Path:
     """Writes `<video>.mp4` in `folder` and returns its path; `mark`: of occluded points, as for an overlay."""
-    path = Path(folder) / f"{scored.video.name.replace('/', '-')}.mp4"
+    path = Path(folder) / f"{scored.video.name.replace('/', '-') or NAMELESS}.mp4"
     write_video(path, side_by_side(scored, mark), FPS)
     return path
 

@@ -47,7 +47,17 @@ describe("readFacts", () => {
     expect(readFacts(model(METADATA), "m.onnx")).toEqual({
       ...{ clipName: "goat", numFrames: 32, height: 240, width: 320 },
       ...{ fps: 12.5, preset: "cpu", occlusionThreshold: 0.5 },
+      times: Array.from({ length: 32 }, (_, frame) => frame / 12.5),
     });
+  });
+
+  it("reads the times of a clip without a steady rate, one for each frame", () => {
+    const uneven = Array.from({ length: 32 }, (_, frame) => frame ** 2 / 30);
+    const written = (times: string) => model({ ...METADATA, "decomotion.times": times });
+    expect(readFacts(written(JSON.stringify(uneven)), "m.onnx").times).toEqual(uneven);
+    for (const wrong of ["[0, 1]", JSON.stringify(uneven.map(String)), "[0, 1", "7"]) {
+      expect(refusal(written(wrong))).toContain("impossible metadata decomotion.times");
+    }
   });
 
   it("refuses what is no ONNX file", () => {

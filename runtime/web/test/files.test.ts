@@ -6,7 +6,7 @@ import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../src/files/write"
 import type { ModelFacts } from "../src/model/facts";
 import type { Point } from "../src/points";
 
-const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, preset: "cpu", occlusionThreshold: 0.5 };
+const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
 const POINTS: Point[] = [
   {
     ...{ id: 1, name: 'a "b", c', colour: "#102030", t: 1, x: 2.25, y: -0.5 },
@@ -22,10 +22,13 @@ const bytes = (text: string): Uint8Array => new TextEncoder().encode(text);
 
 describe("files of points", () => {
   it("writes tracks as decomo-track does", () => {
-    expect(tracksCsv(POINTS).split("\n")).toEqual([
-      "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y",
-      ...["0,0,1.0000,2.0000,0.7500,1,1,2.2500,-0.5000", "0,1,2.2500,-0.5000,0.0000,0,1,2.2500,-0.5000"],
-      ...["1,0,9.5000,7.5000,0.2500,0,0,9.5000,7.5000", "1,1,11.0000,12.0000,1.0000,1,0,9.5000,7.5000", ""],
+    expect(tracksCsv(POINTS, FACTS).split("\n")).toEqual([
+      "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time",
+      "0,0,1.0000,2.0000,0.7500,1,1,2.2500,-0.5000,0.000000",
+      "0,1,2.2500,-0.5000,0.0000,0,1,2.2500,-0.5000,0.083333",
+      "1,0,9.5000,7.5000,0.2500,0,0,9.5000,7.5000,0.000000",
+      "1,1,11.0000,12.0000,1.0000,1,0,9.5000,7.5000,0.083333",
+      "",
     ]);
   });
 
@@ -42,6 +45,7 @@ describe("files of points", () => {
     expect(array("tracks")).toEqual({ shape: [2, 2, 2], values: [1, 2, 2.25, -0.5, 9.5, 7.5, 11, 12] });
     expect(array("occluded")).toEqual({ shape: [2, 2], values: [1, 0, 0, 1] });
     expect(array("frames")).toEqual({ shape: [2], values: [0, 1] });
+    expect(array("times")).toEqual({ shape: [2], values: [0, 1 / 12] });
   });
 
   it("aligns the header as numpy does", () => {

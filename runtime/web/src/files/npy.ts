@@ -10,7 +10,7 @@ export interface NumberArray {
 const MAGIC = [0x93, 0x4e, 0x55, 0x4d, 0x50, 0x59];
 const ALIGNMENT = 64;
 
-type Dtype = "<f4" | "|b1" | "<i8";
+type Dtype = "<f4" | "<f8" | "|b1" | "<i8";
 
 /** An array of `values` as the bytes of a .npy file of version 1.0, C order. */
 export function writeNpy(dtype: Dtype, shape: readonly number[], values: ArrayLike<number>): Uint8Array {
@@ -28,6 +28,7 @@ export function writeNpy(dtype: Dtype, shape: readonly number[], values: ArrayLi
     const at = length + index * size;
     const value = values[index] ?? 0;
     if (dtype === "<f4") view.setFloat32(at, value, true);
+    else if (dtype === "<f8") view.setFloat64(at, value, true);
     else if (dtype === "<i8") view.setBigInt64(at, BigInt(value), true);
     else view.setUint8(at, value);
   }

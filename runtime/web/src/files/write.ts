@@ -16,19 +16,19 @@ export function pointsCsv(points: readonly Point[]): string {
 }
 
 /** A line for each point and frame, as `decomo-track --out tracks.csv`. */
-export function tracksCsv(points: readonly Point[]): string {
+export function tracksCsv(points: readonly Point[], { times }: ModelFacts): string {
   const decimals = (value: number | undefined): string => (value ?? 0).toFixed(4);
   const lines = points.flatMap(({ t, x, y, track }, row) =>
     track.occluded.map((hidden, frame) => {
       const answer = [track.xy[2 * frame], track.xy[2 * frame + 1], track.occlusion[frame]].map(decimals);
-      return [row, frame, ...answer, hidden ? 1 : 0, t, ...[x, y].map(decimals)].join(",");
+      return [row, frame, ...answer, hidden ? 1 : 0, t, ...[x, y].map(decimals), (times[frame] ?? 0).toFixed(6)].join(",");
     }),
   );
-  return `${["point,frame,x,y,occlusion,occluded,query_t,query_x,query_y", ...lines].join("\n")}\n`;
+  return `${["point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time", ...lines].join("\n")}\n`;
 }
 
 /** The arrays of `decomo-track --out tracks.npz`. */
-export function tracksNpz(points: readonly Point[], { numFrames, width, height }: ModelFacts): Uint8Array {
+export function tracksNpz(points: readonly Point[], { numFrames, width, height, times }: ModelFacts): Uint8Array {
   const count = points.length;
   const flat = (values: (point: Point) => Iterable<number>): number[] => points.flatMap((point) => [...values(point)]);
   const arrays = {
@@ -37,6 +37,7 @@ export function tracksNpz(points: readonly Point[], { numFrames, width, height }
     occluded: writeNpy("|b1", [count, numFrames], flat(({ track }) => track.occluded.map(Number))),
     occlusion: writeNpy("<f4", [count, numFrames], flat(({ track }) => track.occlusion)),
     frames: writeNpy("<i8", [numFrames], Array.from({ length: numFrames }, (_, frame) => frame)),
+    times: writeNpy("<f8", [numFrames], [...times]),
     height: writeNpy("<i8", [], [height]),
     width: writeNpy("<i8", [], [width]),
   };

@@ -11,6 +11,8 @@ export interface ModelFacts {
   readonly height: number;
   readonly width: number;
   readonly fps: number;
+  /** Seconds of each frame, from 0. */
+  readonly times: readonly number[];
   readonly preset: string;
   /** A point is occluded where its occlusion score is above this. */
   readonly occlusionThreshold: number;
@@ -53,16 +55,36 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     }
     return value;
   };
+  const seconds = (frames: number, fps: number): readonly number[] => {
+    const said = file.metadata.get("decomotion.times");
+    if (said === undefined) return Array.from({ length: frames }, (_, frame) => frame / fps);
+    const times: unknown = parsed(said);
+    if (!Array.isArray(times) || times.length !== frames || !times.every((time) => Number.isFinite(time))) {
+      throw new InputError(`${name} has impossible metadata decomotion.times; export the model again.`);
+    }
+    return times as number[];
+  };
   const count = (value: number): boolean => Number.isInteger(value) && value >= 1;
+  const numFrames = number("num_frames", count);
+  const fps = number("fps", (value) => value > 0 && Number.isFinite(value));
   return {
     clipName: text("clip_name"),
-    numFrames: number("num_frames", count),
+    numFrames,
     height: number("height", count),
     width: number("width", count),
-    fps: number("fps", (value) => value > 0 && Number.isFinite(value)),
+    fps,
+    times: seconds(numFrames, fps),
     preset: text("preset"),
     occlusionThreshold: number("occlusion_threshold", (value) => value >= 0 && value <= 1),
   };
+}
+
+function parsed(text: string): unknown {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return undefined;
+  }
 }
 
 function requireNames(kind: string, required: readonly string[], present: readonly string[], name: string): void {

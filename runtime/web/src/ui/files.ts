@@ -83,7 +83,7 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
   const kind = button.dataset.save ?? "";
   const name = `${facts.clipName}-${kind}`;
   if (kind === "points.csv") download(name, pointsCsv(points), "text/csv");
-  else if (kind === "tracks.csv") download(name, tracksCsv(points), "text/csv");
+  else if (kind === "tracks.csv") download(name, tracksCsv(points, facts), "text/csv");
   else if (kind === "tracks.npz") download(name, tracksNpz(points, facts) as Uint8Array<ArrayBuffer>, "application/zip");
   else if (kind === "points.json") download(name, pointsJson(points, facts), "application/json");
   else await saveClip();

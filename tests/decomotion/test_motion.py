@@ -1,0 +1,80 @@
+"""The stage of what moves: which points the camera's and the object's maps are fitted to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decomotion.clip import Clip
+from decomotion.data.motion import build_motion, closed_form, moving_at
+
+FRAMES, HEIGHT, WIDTH = 5, 40, 64
+CLIP = Clip("still", np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8), 24.0)
+SCENE, OBJECT = np.array([1.0, -0.5]), np.array([-2.0, 1.5])
+"""Pixels a frame."""
+
+
+def moved(points: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, targets, confidence, and which move: every third. Of links without confidence nothing is true."""
+    random = np.random.default_rng(0)
+    xy = random.uniform((0, 0), (WIDTH - 1, HEIGHT - 1), (FRAMES, points, 2)).astype(np.float32)
+    moving = np.tile((np.arange(points) % 3 == 0).astype(np.uint8), (FRAMES, 1))
+    gap = (np.arange(FRAMES)[None] - np.arange(FRAMES)[:, None])[..., None, None]
+    targets = (xy[:, None] + gap * np.where(moving[0, :, None], OBJECT, SCENE)).astype(np.float32)
+    confidence = np.full(targets.shape[:3], 200, np.uint8)
+    confidence[:, :, 30:] = 0
+    targets[:, :, 30:] += random.uniform(-9, 9, targets[:, :, 30:].shape)
+    targets[:, :, 30:45] += 5
+    return xy, targets, confidence, moving
+
+
+def shifts(maps: np.ndarray) -> np.ndarray:
+    """Of affine maps that only shift, in pixels: normalised by half of the longer side."""
+    np.testing.assert_allclose(maps[:, :, :2], np.tile(np.eye(2), (FRAMES, 1, 1)), atol=1e-4)
+    return maps[:, :, 2] * WIDTH / 2
+
+
+def test_scene_and_object_have_their_own_motion_to_the_middle_frame():
+    of_scene, of_object = closed_form(CLIP, *moved())
+    gap = (FRAMES // 2 - np.arange(FRAMES))[:, None]
+    np.testing.assert_allclose(shifts(of_scene), gap * SCENE, atol=1e-3)
+    np.testing.assert_allclose(shifts(of_object), gap * OBJECT, atol=1e-3)
+
+
+@pytest.mark.parametrize("everywhere", [0, 1])
+def test_where_no_object_is_seen_it_moves_as_the_scene_and_a_scene_that_is_not_seen_stands(everywhere: int):
+    points, targets, confidence, moving = moved()
+    confidence[:, :, moving[0] != everywhere] = 0
+    of_scene, of_object = closed_form(CLIP, points, targets, confidence, np.full_like(moving, everywhere))
+    gap = (FRAMES // 2 - np.arange(FRAMES))[:, None]
+    np.testing.assert_allclose(shifts(of_scene), gap * (SCENE if everywhere == 0 else 0 * SCENE), atol=1e-3)
+    np.testing.assert_allclose(shifts(of_object), gap * (SCENE if everywhere == 0 else OBJECT), atol=1e-3)
+
+
+def test_unknown_motion_counts_for_both():
+    points, targets, confidence, moving = moved()
+    confidence[:, :, moving[0] == 1] = 0
+    of_scene, of_object = closed_form(CLIP, points, targets, confidence, np.full_like(moving, 2))
+    np.testing.assert_allclose(shifts(of_object), shifts(of_scene), atol=1e-3)
+    np.testing.assert_allclose(shifts(of_scene)[0], 2 * SCENE, atol=1e-3)
+
+
+def test_masks_are_read_at_the_nearest_pixel():
+    masks = np.zeros((2, 4, 6), np.bool_)
+    masks[0, 1, 4] = masks[1, 3, 0] = True
+    points = np.array([[[4.4, 0.6], [3.4, 1.0], [4.0, 1.6]], [[0.2, 2.7], [0.6, 3.0], [4.0, 1.0]]], np.float32)
+    assert moving_at(points, masks).tolist() == [[1, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize(("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.5)])
+def test_what_the_stage_leaves(kind: str, values: set[int], share: float | None, tmp_path: Path):
+    points, targets, confidence, _ = moved(60)
+    points[..., 0] = np.where(np.arange(60) < 30, 8, 50)
+    masks = None if kind == "none" else np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH))
+    random = np.random.default_rng(0)
+    facts = build_motion(CLIP, points, targets, confidence, (6, 10), kind, masks, random, False, tmp_path)
+    assert facts == {"moving": share}
+    assert set(np.unique(np.load(tmp_path / "moving.npy"))) == values
+    assert np.load(tmp_path / "camera.npy").shape == np.load(tmp_path / "object.npy").shape == (FRAMES, 2, 3)
