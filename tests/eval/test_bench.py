@@ -21,6 +21,7 @@ from typing import Any
 
 import pytest
 
+from children import child
 from decomo_eval.bench import cluster, run, task
 from decomo_eval.bench.cli import main
 from decomo_eval.bench.cluster import ENVIRONMENT, RayEngine
@@ -90,10 +91,11 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
 
 TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
 HEAD = """
+import sys
 import ray
 about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
 print(about.address_info["gcs_address"], flush=True)
-input()
+sys.stdin.read()
 """
 
 
@@ -103,14 +105,11 @@ def ray_address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
     for name, value in {**ENVIRONMENT, "RAY_AUTH_MODE": "disabled"}.items():
         monkeypatch.setenv(name, value)
-    head = subprocess.Popen([sys.executable, "-c", HEAD], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert head.stdout is not None
-    try:
+    with child([sys.executable, "-c", HEAD]) as head:
+        assert head.stdout is not None
         if not (address := head.stdout.readline().strip()):
             pytest.skip(TOO_BUSY)
         yield address
-    finally:
-        head.communicate("\n", timeout=120)
 
 
 def calls(video: str) -> int:
