@@ -27,6 +27,7 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.errors",
     "decomotion.files",
+    "decomotion.frame_files",
     "decomotion.images",
 ]
 """What every package may use of the trainer's: small modules without torch."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from decomotion import checkpoint, clip
+from decomotion import checkpoint, video
 from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
 from decomotion.config import load
@@ -204,8 +204,8 @@ class TestParts:
 
     def test_the_rest_of_a_video_is_not_kept(self, two_shots: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         film = write_film(two_shots, tmp_path / "two.mp4")
-        whole, upright, kept = read_clip(film), clip._upright, []
-        monkeypatch.setattr(clip, "_upright", lambda frame: kept.append(frame.pts) or upright(frame))
+        whole, upright, kept = read_clip(film), video._upright, []
+        monkeypatch.setattr(video, "_upright", lambda frame: kept.append(frame.pts) or upright(frame))
         part = read_clip(f"{film}@8:10")
         assert (part.name, part.fps, len(kept)) == ("two-8-10", whole.fps, 2)
         np.testing.assert_array_equal(part.frames, whole.frames[8:10])
