@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from decomotion.clip import images_in
+from decomotion.frame_files import images_in
 from decomotion.data.masks.auto import Mask
 from decomotion.errors import SupervisionError
 
