@@ -115,7 +115,12 @@ def _tapnet_occluded(path: Path, content: Arrays) -> npt.NDArray[Any]:
     if "occlusion" in content:
         visible = 1 - _sigmoid(_scores(path, content, "occlusion", 2))
         if "expected_dist" in content:
-            visible = visible * (1 - _sigmoid(_scores(path, content, "expected_dist", 2)))
+            certain = 1 - _sigmoid(_scores(path, content, "expected_dist", 2))
+            if certain.shape != visible.shape:
+                raise PredictionError(
+                    f"{path} has occlusion {list(visible.shape)} and expected_dist {list(certain.shape)}; both are [N, T]"
+                )
+            visible = visible * certain
         return ~(visible > 0.5)
     if "visibles" in content:
         visibles = _of_one_video(path, content, "visibles", 2)

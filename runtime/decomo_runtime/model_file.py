@@ -97,9 +97,9 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
     rendered = max(bytes_per_ray, ModelFacts.bytes_per_rendered_ray)
     return ModelFacts(
         clip_name=_text(metadata, contract.META_CLIP_NAME, path),
-        num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1),
-        height=_number(metadata, contract.META_HEIGHT, path, int, lambda value: value >= 1),
-        width=_number(metadata, contract.META_WIDTH, path, int, lambda value: value >= 1),
+        num_frames=_number(metadata, contract.META_NUM_FRAMES, path, int, _countable),
+        height=_number(metadata, contract.META_HEIGHT, path, int, _countable),
+        width=_number(metadata, contract.META_WIDTH, path, int, _countable),
         fps=_number(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
         preset=_text(metadata, contract.META_PRESET, path),
         occlusion_threshold=_number(
@@ -173,6 +173,11 @@ def _number(
     if value is None or not valid(value):
         raise ModelFileError(f"{path} has the impossible metadata {key} = {text!r}; export the model again")
     return value
+
+
+def _countable(value: int) -> bool:
+    """Queries are float32, which holds every whole number up to 2^24."""
+    return 1 <= value <= 2**24
 
 
 def _bytes(metadata: Mapping[str, str], key: str, path: Path, otherwise: int) -> int:
