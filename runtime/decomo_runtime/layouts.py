@@ -54,7 +54,8 @@ def from_cotracker(
         raise TracksFileError(
             f"CoTracker's layout is of numbers; got {', '.join(str(array.dtype) for array in given)}"
         )
-    xy, seen, asked = (array.astype(np.float32) for array in given)
+    with np.errstate(over="ignore"):
+        xy, seen, asked = (array.astype(np.float32) for array in given)
     xy = xy[0] if xy.ndim == 4 and len(xy) == 1 else xy
     seen = seen[0] if seen.ndim == 3 and len(seen) == 1 else seen
     if xy.ndim != 3 or xy.shape[2] != 2 or seen.shape != xy.shape[:2] or asked.shape != (xy.shape[1], 3):

@@ -69,7 +69,7 @@ def open_session(
     _check_providers(providers, onnxruntime.get_available_providers())
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=providers)
-    except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument) as error:
+    except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument, UnicodeDecodeError) as error:
         raise ModelFileError(
             f"{path} is not an ONNX file, or it is damaged or cut short; copy it again, or {_WRITE_ONE}"
         ) from error

@@ -116,10 +116,14 @@ def test_checkpoint(place: Path, whole: bytes, data: st.DataObject):
 HUGE = st.sampled_from([*EXTREMES, 10**6, 10**9, 10**12, float("nan"), float("inf"), "a\nb", None, [], {}, torch.zeros(2)])
 
 
+@pytest.fixture(scope="module")
+def content(whole: bytes) -> dict[str, Any]:
+    """What is in it."""
+    content = torch.load(io.BytesIO(whole), weights_only=True)
+    return {**content, "model": dict(content["model"])}
+
+
 @given(data=st.data())
-def test_content_of_checkpoints(place: Path, whole: bytes, data: st.DataObject):
-    content: Any = torch.load(io.BytesIO(whole), weights_only=True)
-    state = dict(content["model"])
-    tree = data.draw(near_tree({**content, "model": state}, HUGE))
-    torch.save(tree, place / "checkpoint.pt")
+def test_content_of_checkpoints(place: Path, content: dict[str, Any], data: st.DataObject):
+    torch.save(data.draw(near_tree(content, HUGE)), place / "checkpoint.pt")
     check_checkpoint(answer(lambda: checkpoint.load(place / "checkpoint.pt"), CheckpointError))

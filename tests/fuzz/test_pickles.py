@@ -27,7 +27,10 @@ ENTRY = {
     "points": np.linspace(0.1, 0.9, POINTS * FRAMES * 2).reshape(POINTS, FRAMES, 2),
     "occluded": np.zeros((POINTS, FRAMES), bool),
 }
-ENCODED = {**ENTRY, "video": [png(frame) for frame in VIDEO]}
+PNGS = [png(frame) for frame in VIDEO]
+STRIP = jpeg(VIDEO[0, :3], 90)
+"""A picture of another size."""
+ENCODED = {**ENTRY, "video": PNGS}
 PROGRAMS = [pickle.dumps({"goat": entry}, protocol) for entry in (ENTRY, ENCODED) for protocol in (2, 4, 5)]
 
 
@@ -144,10 +147,9 @@ def tuples(depth: int) -> Any:
 def near_entries(draw: st.DrawFn) -> Any:
     """A video whose values are of other kinds than TAP-Vid's."""
     entry: dict[Any, Any] = dict(draw(near_arrays(ENTRY)))
-    frames = [png(frame) for frame in VIDEO]
     stored = [
-        *(frames, np.array(frames), tuple(frames), frames[:1], [*frames[:2], jpeg(VIDEO[0, :3], 90)], ["a"] * FRAMES),
-        *([b""] * FRAMES, [frames[0]] * 1000, b"abc", None, {0: frames}, lists(30, 2, b""), frames[0]),
+        *(PNGS, np.array(PNGS), tuple(PNGS), PNGS[:1], [*PNGS[:2], STRIP], ["a"] * FRAMES, [b""] * FRAMES),
+        *([PNGS[0]] * 1000, b"abc", None, {0: PNGS}, lists(30, 2, b""), PNGS[0]),
     ]
     values = st.one_of(
         any_array(),

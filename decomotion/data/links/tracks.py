@@ -58,16 +58,16 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
     if queries is not None:
         _check_queries(queries, frames, where)
     arrays = _point_first_of_square(arrays, frames, queries)
-    tracks = _point_first(arrays["tracks"], 3, frames, queries, f"{where}: tracks")
+    tracks = _point_first(arrays["tracks"], 3, frames, f"{where}: tracks")
     if tracks.shape[2] != 2:
         raise SupervisionError(f"{where}: tracks is {list(tracks.shape)}; it must be [N, T, 2], (x, y) in pixels")
     points = len(tracks)
     if not points:
         raise SupervisionError(f"{where} holds no track; leave it out")
-    hidden = _point_first(arrays["occluded"], 2, frames, queries, f"{where}: occluded")
+    hidden = _point_first(arrays["occluded"], 2, frames, f"{where}: occluded")
     confidence = np.ones(hidden.shape, np.float32)
     if "confidence" in arrays:
-        confidence = _point_first(arrays["confidence"], 2, frames, queries, f"{where}: confidence")
+        confidence = _point_first(arrays["confidence"], 2, frames, f"{where}: confidence")
         if not ((confidence >= 0) & (confidence <= 1)).all():
             raise SupervisionError(f"{where}: confidence must lie in [0, 1]")
     for name, array in (("occluded", hidden), ("confidence", confidence)):
@@ -99,14 +99,12 @@ def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
         return {name: array.astype(TYPES[name]) for name, array in arrays.items()}
 
 
-def _point_first(array: npt.NDArray, axes: int, frames: int, queries: npt.NDArray | None, what: str) -> npt.NDArray:
-    """The array with its points first, [N, T, …], whichever order it came in; the queries tell N where T equals it."""
+def _point_first(array: npt.NDArray, axes: int, frames: int, what: str) -> npt.NDArray:
+    """The array with its points first, [N, T, …], whichever order it came in."""
     if array.ndim != axes or frames not in array.shape[:2]:
         order = "[N, T, 2]" if axes == 3 else "[N, T]"
         raise SupervisionError(f"{what} is {list(array.shape)}; it must be {order} with the clip's T = {frames} frames")
-    if array.shape[1] != frames:
-        return array.swapaxes(0, 1)
-    return array if queries is None or len(array) == len(queries) else array.swapaxes(0, 1)
+    return array if array.shape[1] == frames else array.swapaxes(0, 1)
 
 
 def _point_first_of_square(
