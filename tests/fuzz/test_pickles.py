@@ -93,7 +93,7 @@ def check_video(video: Video) -> None:
     assert np.isfinite(video.points[~video.occluded]).all()
 
 
-DEEP = pickle.NONE + pickle.TUPLE1 * 1_000_000
+DEEP = pickle.NONE + pickle.TUPLE1 * 250_000
 
 
 @pytest.mark.parametrize(
