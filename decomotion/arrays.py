@@ -52,8 +52,8 @@ def _opened(path: Path, error: type[InputError], remedy: str) -> Iterator[tuple[
         names = archive.namelist()
         if len(set(names)) != len(names):
             raise zipfile.BadZipFile("it has two arrays of one name")
-        if other := next((name for name in names if not name.endswith(SUFFIX)), None):
-            raise zipfile.BadZipFile(f"it holds {other!r}")
+        if other := [name for name in names if not name.endswith(SUFFIX)]:
+            raise zipfile.BadZipFile(f"it holds {other[0]!r}")
         yield archive, [name.removesuffix(SUFFIX) for name in names]
 
 

@@ -65,6 +65,15 @@ def _bounded() -> Iterator[None]:
         signal.signal(signal.SIGALRM, former)
 
 
+class ExecutedError(BaseException):
+    """Something in a file was called."""
+
+
+def detonate(*_: object) -> None:
+    """What a file names that would like to run code."""
+    raise ExecutedError
+
+
 class TooLongError(BaseException):
     """Not an `Exception`, which a reader may turn into a refusal."""
 
@@ -92,7 +101,7 @@ def near(draw: st.DrawFn, whole: bytes) -> bytes:
         elif damage == 4:
             content[end:end] = content[begin:end]
         else:
-            form, value = draw(st.sampled_from("<i >i <q <H".split())), draw(st.sampled_from(EXTREMES))
+            form, value = draw(st.sampled_from(["<i", ">i", "<q", "<H"])), draw(st.sampled_from(EXTREMES))
             size = struct.calcsize(form)
             content[begin : begin + size] = (value % 256**size).to_bytes(size, "little" if form[0] == "<" else "big")
     return bytes(content)
@@ -187,7 +196,7 @@ def forged_npy(draw: st.DrawFn) -> bytes:
     """A .npy file whose header says what its content is not."""
     described = draw(st.sampled_from(_TYPES)), draw(st.sampled_from(_SHAPES))
     order = draw(st.sampled_from(("False", "True", "0", "'C'")))
-    header = "{{'descr': {}, 'fortran_order': {}, 'shape': {}, }}".format(described[0], order, described[1])
+    header = f"{{'descr': {described[0]}, 'fortran_order': {order}, 'shape': {described[1]}, }}"
     more = draw(st.sampled_from(("", " ", "\n", "#", ", 1", "\0", "é", "}")))
     text = (header + more + "\n").encode()
     version = draw(st.sampled_from((1, 2, 3, 4, 255)))

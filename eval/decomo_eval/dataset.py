@@ -261,8 +261,8 @@ def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
     """The videos of one pickle by name; those of a list are named by `prefix` and their position."""
     content = safe_pickle.load(path)
     if isinstance(content, Mapping):
-        if strange := next((name for name in content if not isinstance(name, str | int)), None):
-            raise DatasetError(f"{path} names a video by a {type(strange).__name__}; TAP-Vid's form is by a text")
+        if not all(isinstance(name, str | int) for name in content):
+            raise DatasetError(f"{path} must name its videos by text")
         entries = {str(name): entry for name, entry in content.items()}
     elif isinstance(content, list | tuple):
         entries = {f"{prefix}{index}": entry for index, entry in enumerate(content)}

@@ -118,7 +118,8 @@ def _tapnet_occluded(path: Path, content: Arrays) -> npt.NDArray[Any]:
             certain = 1 - _sigmoid(_scores(path, content, "expected_dist", 2))
             if certain.shape != visible.shape:
                 raise PredictionError(
-                    f"{path} has occlusion {list(visible.shape)} and expected_dist {list(certain.shape)}; both are [N, T]"
+                    f"{path} has occlusion {list(visible.shape)} and expected_dist {list(certain.shape)}; both must be "
+                    "[N, T]"
                 )
             visible = visible * certain
         return ~(visible > 0.5)

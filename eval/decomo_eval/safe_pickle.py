@@ -13,7 +13,7 @@ import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -150,20 +150,28 @@ for _core in ("numpy.core", "numpy._core"):  # numpy 1, numpy 2
 
 
 class _Unpickler(pickle._Unpickler):
-    """Finds our stand-ins and nothing else, and takes no more memory than the file says things.
+    """Finds our stand-ins and nothing else, and takes no more memory than the file has bytes.
 
     It is the one in Python: that in C makes room for as many things as the number that one of them is kept under.
     """
 
-    dispatch = dict(pickle._Unpickler.dispatch)
+    stack: list[Any]
+    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = {**pickle._Unpickler.dispatch}
 
-    def find_class(self, module: str, name: str, /) -> Any:
+    def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in _STAND_INS:
             raise _UnsafeError(f"{module}.{name}")
         return _STAND_INS[module, name]
 
+    def load_bytearray8(self) -> None:
+        """Reads as many bytes as there are; Python's own first fills as many with zeros as the file says."""
+        self.dispatch[pickle.BINBYTES8[0]](self)
+        self.stack[-1] = bytearray(self.stack[-1])
 
-def _without_tuples(load: Callable[[_Unpickler], None], keys: slice) -> Callable[[_Unpickler], None]:
+    dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
+
+
+def _without_tuples(load: Callable[[Any], None], keys: slice) -> Callable[[Any], None]:
     """An instruction that hashes `keys` of the stack; deeply nested tuples among them would overflow Python's own."""
 
     def checked(unpickler: _Unpickler) -> None:

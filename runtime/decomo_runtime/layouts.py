@@ -51,9 +51,7 @@ def from_cotracker(
     """
     given = [np.asarray(array) for array in (tracks, visibility, queries)]
     if any(array.dtype.kind not in "biuf" for array in given):
-        raise TracksFileError(
-            f"CoTracker's layout is of numbers; got {', '.join(str(array.dtype) for array in given)}"
-        )
+        raise TracksFileError(f"CoTracker's layout is of numbers; got {', '.join(str(array.dtype) for array in given)}")
     with np.errstate(over="ignore"):
         xy, seen, asked = (array.astype(np.float32) for array in given)
     xy = xy[0] if xy.ndim == 4 and len(xy) == 1 else xy

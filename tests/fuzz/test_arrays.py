@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -52,6 +56,55 @@ def test_npz(place: Path, content: bytes):
         assert one is not None
         assert one.keys() == arrays.keys() & {"count"}
         assert all(isinstance(array, np.ndarray) and not array.dtype.hasobject for array in arrays.values())
+
+
+def packed(*members: tuple[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", method) as archive, warnings.catch_warnings(action="ignore"):
+        for name, content in members:
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def headed(shape: str) -> bytes:
+    """A .npy file of that shape, and 16 bytes of content."""
+    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(16)
+
+
+@pytest.mark.parametrize("shape", ["(3000000000,)", "(10000000000000,)", "(10000000000000000000000,)", "(-4,)", "(5,)"])
+def test_a_header_that_lies(place: Path, shape: str):
+    """Of the lengths some are more than memory holds, and some more than a number of 64 bits."""
+    (place / "a.npy").write_bytes(headed(shape))
+    (place / "a.npz").write_bytes(packed(("count.npy", headed(shape))))
+    assert answer(lambda: read_npy(place / "a.npy", ReaderError), ReaderError) is None
+    assert answer(lambda: read_npz(place / "a.npz", ReaderError), ReaderError) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (npy(FIELD) + packed(("count.npy", npy(FIELD))), None),  # numpy takes it for the array that it begins with
+        (packed(("count", npy(FIELD))), "it holds 'count'"),
+        (packed(("count.txt", b"3")), "it holds 'count.txt'"),
+        (packed(("count.npy", b"3")), "magic"),
+        (packed(("count.npy", npy(FIELD)), ("count.npy", npy(FIELD[:1]))), "two arrays of one name"),
+        (packed(("count.npy", npy(FIELD)), method=zipfile.ZIP_LZMA).replace(b"]\0\0", b"\xff\0\0", 1), "damaged"),
+    ],
+)
+def test_archives_that_are_no_npz(place: Path, content: bytes, reason: str | None):
+    (place / "a.npz").write_bytes(content)
+    if reason is None:
+        assert read_npz(place / "a.npz", ReaderError).keys() == {"count"}
+    else:
+        with pytest.raises(ReaderError, match=reason):
+            read_npz(place / "a.npz", ReaderError)
+
+
+def test_a_field_that_float32_does_not_hold(place: Path):
+    (place / "0_1.npy").write_bytes(npy(np.full((5, 7, 2), 1e300)))
+    with pytest.raises(SupervisionError, match="not finite"):
+        read_field(place / "0_1.npy")
 
 
 def _check_field(file: Path) -> None:

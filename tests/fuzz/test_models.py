@@ -55,6 +55,16 @@ def test_metadata(place: Path, changes: dict[str, str | None]):
     check_facts(answer(lambda: read(file), ModelFileError))
 
 
+@pytest.mark.parametrize("key", [contract.META_NUM_FRAMES, contract.META_HEIGHT, contract.META_WIDTH])
+def test_numbers_that_queries_cannot_hold(place: Path, key: str):
+    file = place / "model.onnx"
+    write_tiny_model(file, **SIZE, metadata={key: str(2**24)})
+    check_facts(read(file))
+    write_tiny_model(file, **SIZE, metadata={key: str(2**24 + 1)})
+    with pytest.raises(ModelFileError, match="impossible metadata"):
+        read(file)
+
+
 @given(data=st.data())
 def test_onnx(place: Path, data: st.DataObject):
     file = place / "model.onnx"
@@ -97,6 +107,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return file.read_bytes()
 
 
+@pytest.fixture(scope="module")
+def content(whole: bytes) -> dict[str, Any]:
+    """What is in it."""
+    content = torch.load(io.BytesIO(whole), weights_only=True)
+    return {**content, "model": dict(content["model"])}
+
+
 def check_checkpoint(found: Checkpoint | None) -> None:
     if found is not None:
         clip = found.clip
@@ -113,14 +130,23 @@ def test_checkpoint(place: Path, whole: bytes, data: st.DataObject):
     check_checkpoint(answer(lambda: checkpoint.load(place / "checkpoint.pt"), CheckpointError))
 
 
-HUGE = st.sampled_from([*EXTREMES, 10**6, 10**9, 10**12, float("nan"), float("inf"), "a\nb", None, [], {}, torch.zeros(2)])
+@pytest.mark.parametrize("fact", ["num_frames", "height", "width", "fps"])
+@pytest.mark.parametrize("value", ["many", 0, -1, 10**12])
+def test_a_checkpoint_of_no_clip(place: Path, content: dict[str, Any], fact: str, value: Any):
+    torch.save({**content, "clip": {**content["clip"], fact: value}}, place / "checkpoint.pt")
+    found = answer(lambda: checkpoint.load(place / "checkpoint.pt"), CheckpointError)
+    assert found is None or (value == 10**12 and fact != "num_frames")
 
 
-@pytest.fixture(scope="module")
-def content(whole: bytes) -> dict[str, Any]:
-    """What is in it."""
-    content = torch.load(io.BytesIO(whole), weights_only=True)
-    return {**content, "model": dict(content["model"])}
+@pytest.mark.parametrize("part", ["config", "clip", "model", "training", "feature_size"])
+def test_a_checkpoint_without_a_part(place: Path, content: dict[str, Any], part: str):
+    torch.save({**content, part: None}, place / "checkpoint.pt")
+    assert answer(lambda: checkpoint.load(place / "checkpoint.pt"), CheckpointError) is None
+
+
+HUGE = st.sampled_from(
+    [*EXTREMES, 10**6, 10**9, 10**12, float("nan"), float("inf"), "a\nb", None, [], {}, torch.zeros(2)]
+)
 
 
 @given(data=st.data())

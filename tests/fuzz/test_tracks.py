@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,7 +76,22 @@ def csv_of(tracks: Tracks, folder: Path) -> bytes:
     return (folder / "whole.csv").read_bytes()
 
 
-CELLS = ("", "nan", "inf", "-1", "0.5", "1e400", "1e30", "99999999999999999999", "-99999999999", "1_0", "١", "x", '"', "0x1")
+CELLS = (
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0.5",
+    "1e400",
+    "1e30",
+    "99999999999999999999",
+    "-99999999999",
+    "1_0",
+    "\u0661",
+    "x",
+    '"',
+    "0x1",
+)
 
 
 @st.composite
@@ -145,6 +161,34 @@ def test_tracks_of_the_user(place: Path, content: bytes):
         assert (inside | (tracks.confidence == 0)).all()
 
 
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"tracks": np.full(XY.shape, 1e300)}, "not finite numbers where occluded says"),
+        ({"tracks": XY.astype("m8[s]")}, "it must hold numbers"),
+        ({"tracks": XY.astype(complex)}, "it must hold numbers"),
+        ({"occluded": OCCLUDED * 0.5}, "occluded must be true or false"),
+        ({"queries": QUERIES * np.nan}, "queries begin with a frame"),
+        ({"queries": QUERIES * [1, np.nan, 1]}, "queries must be finite"),
+        ({"queries": QUERIES[0]}, r"queries is \[3\]"),
+        ({"queries": np.concatenate([QUERIES, QUERIES])}, "queries has 8 points but tracks has 4"),
+    ],
+)
+def test_tracks_of_the_user_are_refused(place: Path, changes: Arrays, reason: str):
+    (place / "a.npz").write_bytes(npz({**SUPERVISION, **changes}))
+    with pytest.raises(SupervisionError, match=reason):
+        read_tracks(place / "a.npz", CLIP)
+
+
+@pytest.mark.parametrize("name", ["occluded", "confidence"])
+def test_as_many_tracks_as_frames_and_an_array_of_no_axes(place: Path, name: str):
+    turned = {**SQUARE, "tracks": SQUARE["tracks"] + np.arange(FRAMES)[:, None, None] * [3.0, 0]}
+    turned["queries"] = np.column_stack([np.arange(FRAMES), turned["tracks"][range(FRAMES), 0]])
+    (place / "a.npz").write_bytes(npz({**turned, name: np.array(1)}))
+    with pytest.raises(SupervisionError, match=rf"{name} is \[\]"):
+        read_tracks(place / "a.npz", CLIP)
+
+
 VIDEO = Video(
     "goat",
     np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8),
@@ -194,6 +238,19 @@ def test_predictions(place: Path, layout: str, data: st.DataObject):
         assert prediction.occluded.shape == ASKED.occluded.shape
         assert prediction.occluded.dtype == bool
         assert min(prediction.size) >= 1
+
+
+def test_uncertainty_of_another_shape(place: Path):
+    layout = {**LAYOUTS["tapir"], "expected_dist": np.zeros((1, FRAMES))}
+    (place / "goat.npz").write_bytes(npz(layout))
+    with pytest.raises(PredictionError, match=r"expected_dist \[1, 7\]"):
+        from_npz(place / "goat.npz", VIDEO, ASKED)
+
+
+@pytest.mark.parametrize("dtype", [complex, "U3", "m8[s]", [("x", "f4")]])
+def test_cotracker_of_no_numbers(dtype: Any):
+    with pytest.raises(TracksFileError, match="of numbers"):
+        from_cotracker(XY.swapaxes(0, 1), ~OCCLUDED.T, np.zeros((POINTS, 3), dtype))
 
 
 @given(arrays=near_arrays({"tracks": XY.swapaxes(0, 1)[None], "seen": ~OCCLUDED.T[None], "queries": QUERIES}))
