@@ -53,16 +53,16 @@ def _bounded() -> Iterator[None]:
     status = Path("/proc/self/status")
     taken = next((line for line in status.read_text().splitlines() if "VmData" in line), "") if status.exists() else ""
     limits = resource.getrlimit(resource.RLIMIT_DATA)
-    former = signal.signal(signal.SIGALRM, _too_long)
-    signal.alarm(SECONDS)
+    handler = signal.signal(signal.SIGALRM, _too_long)
+    timer = signal.setitimer(signal.ITIMER_REAL, SECONDS)  # another, of the whole test, may be running
     try:
         if taken:
             resource.setrlimit(resource.RLIMIT_DATA, (int(taken.split()[1]) * 1024 + BYTES, limits[1]))
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, limits)
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, former)
+        signal.signal(signal.SIGALRM, handler)
+        signal.setitimer(signal.ITIMER_REAL, *timer)
 
 
 class ExecutedError(BaseException):

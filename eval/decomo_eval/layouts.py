@@ -125,7 +125,7 @@ def _tapnet_occluded(path: Path, content: Arrays) -> npt.NDArray[Any]:
         return ~(visible > 0.5)
     if "visibles" in content:
         visibles = _of_one_video(path, content, "visibles", 2)
-        if not np.isin(visibles, (0, 1)).all():
+        if visibles.dtype.kind not in "biuf" or not np.isin(visibles, (0, 1)).all():
             raise PredictionError(
                 f"{path} must hold true or false as visibles; threshold them, or save TAPIR's logits as occlusion and "
                 "expected_dist"

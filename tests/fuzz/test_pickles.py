@@ -43,10 +43,10 @@ NAMES = (
     *(
         ("collections", "OrderedDict"),
         ("numpy._core.multiarray", "_reconstruct"),
-        ("near_misses", "detonate"),
         ("a\nb", "c\nd"),
     ),
     *(("numpy._core.multiarray", "scalar"), ("numpy._core.numeric", "_frombuffer"), ("numpy", "memmap")),
+    ("near_misses", "detonate"),
 )
 PARTS = (
     *(pickle.NONE, pickle.NEWTRUE, pickle.MARK, pickle.EMPTY_DICT, pickle.EMPTY_LIST, pickle.EMPTY_TUPLE),

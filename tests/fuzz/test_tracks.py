@@ -71,6 +71,18 @@ def test_tracks_as_npz(place: Path, content: bytes):
     check_tracks(answer(lambda: Tracks.load(place / "a.npz"), TracksFileError))
 
 
+@pytest.mark.parametrize("frame", [np.nan, np.inf, 0.5, 1e300])
+def test_frames_are_whole_numbers(place: Path, frame: float):
+    (place / "a.npz").write_bytes(npz({**OURS, "frames": np.where(OURS["frames"] == 3, frame, OURS["frames"])}))
+    with pytest.raises(TracksFileError, match="frames"):
+        Tracks.load(place / "a.npz")
+
+
+def test_places_that_float32_does_not_hold(place: Path):
+    (place / "a.npz").write_bytes(npz({**OURS, "tracks": np.full(XY.shape, 1e300)}))
+    check_tracks(answer(lambda: Tracks.load(place / "a.npz"), TracksFileError))
+
+
 def csv_of(tracks: Tracks, folder: Path) -> bytes:
     tracks.save(folder / "whole.csv")
     return (folder / "whole.csv").read_bytes()
@@ -238,6 +250,21 @@ def test_predictions(place: Path, layout: str, data: st.DataObject):
         assert prediction.occluded.shape == ASKED.occluded.shape
         assert prediction.occluded.dtype == bool
         assert min(prediction.size) >= 1
+
+
+@pytest.mark.parametrize("size", [np.inf, np.nan, 0, -1, 0.5, "40", [40, 40]])
+def test_predictions_of_frames_of_no_size(place: Path, size: Any):
+    (place / "goat.npz").write_bytes(npz({**LAYOUTS["ours"], "width": np.array(size)}))
+    with pytest.raises(PredictionError, match="both width and height"):
+        from_npz(place / "goat.npz", VIDEO, ASKED)
+
+
+@pytest.mark.parametrize("dtype", [complex, "U3", "m8[s]", [("x", "f4")]])
+def test_visibility_of_no_numbers(place: Path, dtype: Any):
+    layout = {**LAYOUTS["tapnet"], "visibles": np.zeros(ASKED.occluded.shape, dtype)}
+    (place / "goat.npz").write_bytes(npz(layout))
+    with pytest.raises(PredictionError, match="true or false as visibles"):
+        from_npz(place / "goat.npz", VIDEO, ASKED)
 
 
 def test_uncertainty_of_another_shape(place: Path):
