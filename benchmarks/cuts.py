@@ -3,9 +3,9 @@
     python benchmarks/cuts.py ../shared --json benchmarks/results/cuts.json
     python benchmarks/cuts.py --table benchmarks/results/cuts.json
 
-False cuts: clips in which any is found, by what is made to happen a third of the way in (`harness/incidents.py`). Joins:
-16 frames of one clip, then 16 of another; found where a cut is at that frame, or within the transition. PySceneDetect
-has its default settings, and frames of the size its own command would give it.
+False cuts: clips in which any is found, by what is made to happen a third of the way in (`harness/incidents.py`).
+Joins: the last 16 frames of one clip, then the first 16 of another; found where a cut is at that frame, or within the
+transition. PySceneDetect has its default settings, and frames of the size its own command would give it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import islice, permutations
 from pathlib import Path
 from typing import Any
 
@@ -112,44 +112,39 @@ def through_black(one: Frames, other: Frames, num_frames: int) -> Frames:
     return np.concatenate([one[:-num_frames], out, back, other[num_frames:]]).astype(np.uint8)
 
 
-def joins(sets: dict[str, Clips]) -> Iterator[tuple[str, list[Join]]]:
+def joins(sets: dict[str, Clips]) -> Iterator[tuple[str, Iterator[Join]]]:
+    """By what the table calls them; of 256x256 and 854x480 all ordered pairs, of what is made from them every fifth."""
     small = sets["256x256"] | {name: _square(frames) for name, frames in sets["films"].items()}
 
-    def pairs(clips: Clips) -> Iterator[tuple[str, Frames, Frames]]:
-        for one, other in permutations(clips, 2):
+    def pairs(clips: Clips, every: int = 1) -> Iterator[tuple[str, Frames, Frames]]:
+        for one, other in islice(permutations(clips, 2), 0, None, every):
             yield f"{one}, {other}", clips[one][-HALF:], clips[other][:HALF]
 
-    hard = [Join(name, np.concatenate([one, other])) for name, one, other in pairs(small)]
-    yield "different scenes, 256x256", hard
-    yield (
-        "the same in grey",
-        [Join(join.name, join.frames.mean(3, keepdims=True).astype(np.uint8).repeat(3, 3)) for join in hard],
-    )
-    yield "the same, dark (a fifth)", [Join(join.name, join.frames // 5) for join in hard]
-    for row in ("854x480", "procedural"):
-        yield f"different scenes, {row}", [Join(name, np.concatenate(parts)) for name, *parts in pairs(sets[row])]
-    every_fifth = list(pairs(small))[::5]
+    def hard(clips: Clips, every: int = 1) -> Iterator[Join]:
+        return (Join(name, np.concatenate([one, other])) for name, one, other in pairs(clips, every))
+
+    def soft(length: int, mixed: Callable[[Frames, Frames, int], Frames]) -> Iterator[Join]:
+        for name, one, other in pairs(small, 5):
+            yield Join(name, mixed(one, other, length), HALF - length, HALF + length)
+
+    yield "different scenes, 256x256", hard(small)
+    yield "different scenes, 854x480", hard(sets["854x480"])
+    yield "different scenes, procedural", hard(sets["procedural"])
+    grey = (join.frames.mean(3, keepdims=True).astype(np.uint8).repeat(3, 3) for join in hard(small, 5))
+    yield "different scenes in grey", (Join(str(number), frames) for number, frames in enumerate(grey))
+    yield "different scenes at a fifth of their light", (Join(join.name, join.frames // 5) for join in hard(small, 5))
     for length in (1, 3, 6):
-        yield (
-            f"dissolve over {length}",
-            [Join(name, blend(one, other, length), HALF - length, HALF + length) for name, one, other in every_fifth],
-        )
+        yield f"different scenes, blended over {length}", soft(length, blend)
+    yield "different scenes, through black", soft(6, through_black)
+    long = {name: frames for name, frames in sets["854x480"].items() if len(frames) >= 60}
     yield (
-        "through black, 6 and 6",
-        [Join(name, through_black(one, other, 6), HALF - 6, HALF + 6) for name, one, other in every_fifth],
-    )
-    yield (
-        "one clip, its first and last frames",
-        [
-            Join(name, np.concatenate([frames[:HALF], frames[-HALF:]]))
-            for name, frames in sets["854x480"].items()
-            if len(frames) >= 60
-        ],
+        "one clip's first and last frames",
+        (Join(name, np.concatenate([frames[:HALF], frames[-HALF:]])) for name, frames in long.items()),
     )
 
 
 def measure(sets: dict[str, Clips]) -> dict[str, Any]:
-    """`false` {set: {incident: {clips, finder: [clips with a cut]}}}, `missed` {joins: ...}, `extra`, `ms_per_frame`."""
+    """`missed` {joins: {of, finder: [names]}}, `false` {set: {incident: {of, finder: [clips]}}}, `ms_per_frame`."""
     spent, num_frames = dict.fromkeys(FINDERS, 0.0), 0
 
     def ask(frames: Frames) -> dict[str, list[int]]:
@@ -164,12 +159,14 @@ def measure(sets: dict[str, Clips]) -> dict[str, Any]:
 
     record: dict[str, Any] = {"false": {}, "missed": {}}
     for row, of_row in joins(sets):
-        asked = {join.name: (join, ask(join.frames)) for join in of_row}
-        record["missed"][row] = {"of": len(asked)} | {
-            finder: [name for name, (join, cuts) in asked.items() if not join.is_found(cuts[finder])]
-            for finder in FINDERS
-        }
-        click.echo(_line(row, record["missed"][row]))
+        missed: dict[str, Any] = {"of": 0} | {finder: [] for finder in FINDERS}
+        for join in of_row:
+            missed["of"] += 1
+            for finder, cuts in ask(join.frames).items():
+                if not join.is_found(cuts):
+                    missed[finder].append(join.name)
+        record["missed"][row] = missed
+        click.echo(_line(row, missed))
     for group, clips in sets.items():
         record["false"][group] = {}
         for incident, make in INCIDENTS.items():

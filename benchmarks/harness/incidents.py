@@ -16,7 +16,7 @@ Frames = npt.NDArray[np.uint8]
 Incident = Callable[[Frames, int, np.random.Generator], Frames]
 
 
-def _clipped(values: npt.NDArray[np.floating]) -> Frames:
+def _clipped(values: npt.ArrayLike) -> Frames:
     return np.clip(values, 0, 255).astype(np.uint8)
 
 
@@ -160,7 +160,7 @@ def out_of_focus(frames: Frames, at: int, _: np.random.Generator) -> Frames:
 def compressed(frames: Frames, _: int, __: np.random.Generator) -> Frames:
     """JPEG at quality 5."""
     coded = (cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 5])[1] for frame in frames)
-    return np.stack([cv2.imdecode(each, cv2.IMREAD_COLOR) for each in coded]).astype(np.uint8)
+    return np.stack([np.asarray(cv2.imdecode(each, cv2.IMREAD_COLOR), np.uint8) for each in coded])
 
 
 def noise(frames: Frames, _: int, chance: np.random.Generator) -> Frames:

@@ -10,14 +10,14 @@ import numpy.typing as npt
 
 from decomotion.data.likeness import Structure, likeness, structure_of
 
-LIKE = 0.06
+LIKE = 0.04
 """Frames of one shot have at least this share of their structure in common."""
 FALL = 0.2
-"""And a cut leaves less than this share of what is usual around it: some motion is too fast to follow."""
+"""Or this share of what is usual around them: some motion is too fast to follow."""
 AROUND = 3
 """Steps on either side that say what is usual."""
-DOUBT = 0.5
-"""A step of at least this likeness is no cut, nor is one of its frames a blend of two shots."""
+DIP = 0.85
+"""A blend of two shots is alike to one of its neighbours by less than this share of what is usual."""
 REACH = 6
 """Frames between two that are compared at most: a flash, or an object before the lens, is over by then."""
 
@@ -51,23 +51,28 @@ class _Structures:
 
     def breaks_at(self, place: int) -> bool:
         """Whether nothing leads across a step."""
-        around = [*self.steps[max(0, place - AROUND) : place], *self.steps[place + 1 : place + 1 + AROUND]]
-        usual = median(around) if around else 1.0
-        return self.steps[place] < DOUBT and not self._leads_across(place, place + 1, min(LIKE, FALL * usual))
+        return not self._leads_across(place, place + 1, self._usual(place))
 
     def is_blend(self, odd: int) -> bool:
         """Whether nothing leads across a frame, though frames as far apart are alike on either side of it."""
-        if self.steps[self.weaker_step(odd)] >= DOUBT or odd < 3 or odd > self.num_steps - 3:
+        weaker = self.weaker_step(odd)
+        if self.steps[weaker] >= DIP * self._usual(weaker) or odd < 3 or odd > self.num_steps - 3:
             return False
         usual = min(self._likeness(odd - 3, odd - 1), self._likeness(odd + 1, odd + 3))
-        return not self._leads_across(odd - 1, odd + 1, min(LIKE, FALL * usual))
+        return not self._leads_across(odd - 1, odd + 1, usual)
+
+    def _usual(self, place: int) -> float:
+        """The likeness of the steps around one."""
+        around = [*self.steps[max(0, place - AROUND) : place], *self.steps[place + 1 : place + 1 + AROUND]]
+        return median(around) if around else 1.0
 
     def weaker_step(self, number: int) -> int:
         """Of the two steps to and from a frame."""
         return min(number - 1, number, key=self.steps.__getitem__)
 
-    def _leads_across(self, before: int, after: int, least: float) -> bool:
+    def _leads_across(self, before: int, after: int, usual: float) -> bool:
         """Whether a frame up to `before` and one from `after` on go together; the nearer ones are compared first."""
+        least = min(LIKE, FALL * usual)
         return any(
             self._likeness(first, first + gap) >= least
             for gap in range(after - before, REACH + 2)

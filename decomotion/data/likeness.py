@@ -25,14 +25,12 @@ LEAST_CONTRAST = 1.0
 """In grey levels. A frame of less, black or white, has no structure."""
 NONE, AMPLITUDE = 128, 50
 """Level of an image where there is no structure, and what structure adds or takes."""
-WINDOW = 4.0
+WINDOW = 6.0
 """Standard deviation, in pixels, of the window of a correlation."""
 LEAST_VARIANCE = 25.0
 """A window of less, in levels of an image, has no structure."""
 CORRELATED = 0.7
 """Two places are alike from this correlation on."""
-RETURN = 1.0
-"""Flow and the flow back lead to within so many pixels of where they began; elsewhere nothing is alike."""
 ENOUGH = 0.3
 """A likeness that leaves no doubt: the flow is not started elsewhere."""
 NUM_FEATURES = 300
@@ -65,7 +63,7 @@ def structure_of(frame: npt.NDArray[np.uint8]) -> Structure | None:
     scale = min(1.0, SIDE / max(frame.shape[:2]))
     height, width = (max(LEAST_SIDE, round(side * scale)) for side in frame.shape[:2])
     grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    grey = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.float32)
     detail = grey - _blurred(grey, SURROUND)
     contrast = float(detail.std())
     if contrast < LEAST_CONTRAST:
@@ -115,15 +113,20 @@ def _matched(first: Structure, second: Structure) -> Flow:
 
 
 def _moved(first: Structure, second: Structure, start: Flow) -> npt.NDArray[np.uint8]:
-    """`second`'s image brought to where `first` has it; none where flow does not come back."""
+    """`second`'s image brought to where `first` has it."""
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-    there = np.asarray(dis.calc(first.image, second.image, start.copy()), np.float32)
-    back = np.asarray(dis.calc(second.image, first.image, -start), np.float32)
-    places = _places(first) + there
-    error = np.linalg.norm(there + cv2.remap(back, places, None, cv2.INTER_LINEAR), axis=-1)
-    outside = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": NONE}
-    moved = cv2.remap(second.image, places, None, cv2.INTER_LINEAR, **outside)
-    return np.where(error < RETURN, moved, NONE).astype(np.uint8)
+    places = _places(first) + np.asarray(dis.calc(first.image, second.image, start), np.float32)
+    return np.asarray(
+        cv2.remap(
+            second.image,
+            places[..., 0],
+            places[..., 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(NONE,),
+        ),
+        np.uint8,
+    )
 
 
 def _places(structure: Structure) -> Flow:
