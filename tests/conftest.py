@@ -80,6 +80,18 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+TOGETHER = ("tests/export/", "tests/test_wheel.py", "tests/eval/test_bench.py")
+"""Tests that share what takes long to make, or fill two cores: with `-n 2 --dist loadgroup` they stay on one worker."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Says so to pytest-xdist."""
+    for item in items:
+        for place in TOGETHER:
+            if item.nodeid.startswith(place):
+                item.add_marker(pytest.mark.xdist_group(place))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skips tests marked `gpu` where there is none."""
     if item.get_closest_marker("gpu"):

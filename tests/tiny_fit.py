@@ -54,6 +54,8 @@ TINY_CPU = (
     ),
 )
 """The `cpu` preset in the same form and of the least size."""
+AFFINE = ("model.volumes=static", "model.static.couplings=0")
+"""One volume without a network: where a fit is exported and not looked at, half of the exporter's time."""
 TINY_PAPER = (
     *TINY,
     "data.features=none",

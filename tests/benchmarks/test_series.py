@@ -23,7 +23,7 @@ from decomotion.data.links.intervals import pairs_of
 from decomotion.data.masks.folder import read_masks
 from harness import clips, records
 from harness.series import Row, read_series
-from tiny_fit import TINY_CPU, sliding_square, write_truth
+from tiny_fit import AFFINE, TINY_CPU, sliding_square, write_truth
 
 SPLITS = {"static", "dynamic", "visible", "reappeared", "out_of_frame"}
 SERIES = sorted((Path(accuracy.__file__).parent / "series").glob("*.yaml"))
@@ -164,7 +164,7 @@ def test_a_fit_is_recorded_and_not_made_again(
     """Train and export as commands of their own, two steps."""
     series = tmp_path / "tiny.yaml"
     series.write_text(
-        f"rows: [{{name: tiny, steps: 2, rebuild_cache: false, overrides: {json.dumps(list(TINY_CPU))}}}]"
+        f"rows: [{{name: tiny, steps: 2, rebuild_cache: false, overrides: {json.dumps([*TINY_CPU, *AFFINE])}}}]"
     )
     out = tmp_path / "results"
     command = [*dataset, "--series", str(series), "--out", str(out), "--work", str(tmp_path / "work")]

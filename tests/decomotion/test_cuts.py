@@ -18,7 +18,7 @@ from decomotion.config import load
 from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
 from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
-from tiny_fit import TINY_CPU, sliding_square, write_frames
+from tiny_fit import AFFINE, TINY_CPU, sliding_square, write_frames
 
 
 @pytest.fixture
@@ -129,7 +129,8 @@ class TestCommands:
         from decomo_export.cli import main as export
         from decomo_runtime.cli import main as track
 
-        assert main([str(folder), "--steps", "1", "--shots", "split", *self.SET_TINY]) == 0
+        affine = [part for override in AFFINE for part in ("--set", override)]
+        assert main([str(folder), "--steps", "1", "--shots", "split", *self.SET_TINY, *affine]) == 0
         assert "fitted two-shot-001 (8 frames of 40x28): runs/two/shot-001" in capsys.readouterr().out
         Path("runs/two/shot-001/checkpoint.pt").unlink()
         assert main([str(folder), "--steps", "2", "--shots", "split", "--resume"]) == 0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable
 from pathlib import Path
 
+import onnx
 import pytest
 
-from decomo_export import cli, export
+from decomo_export import cli, export, exporter
 from decomo_export.baking import Bake
 from decomo_export.precision import Precision
 from decomotion import checkpoint
@@ -16,6 +18,8 @@ from decomotion.checkpoint import FILE_NAME, ClipFacts
 from decomotion.config import load
 from tiny_export import Export
 from tiny_fit import FRAMES, HEIGHT, TINY_PAPER, WIDTH, randomised, sliding_square, tiny_model
+
+TRACES: dict[tuple[Path, Bake], onnx.ModelProto] = {}
 
 
 @pytest.fixture(scope="session")
@@ -41,25 +45,27 @@ def whole(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
 
 
 @pytest.fixture(scope="session")
-def canonical(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+def canonical(whole: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
     """The same in half precision."""
-    return exported_as(tmp_path_factory.mktemp("half") / "half.onnx", fitted.run, "full", "fp16")
+    return exported_as(tmp_path_factory.mktemp("half") / "half.onnx", whole.run, "full", "fp16")
 
 
 @pytest.fixture(scope="session")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """A model with the paper's networks in the place of grids, its weights random."""
+    """A model with the paper's networks in the place of grids, its weights random.
+
+    One hidden layer is wide enough for whole numbers.
+    """
     folder = tmp_path_factory.mktemp("paper")
-    return exported_as(folder / "model.onnx", random_networks(folder), "none")
+    wide = "{kind: gabor, width: 64, layers: 3, input_scale: 8.0, alpha: 3.0}"
+    run = random_networks(folder, f"model.static.field={wide}", f"model.dynamic.field={wide}")
+    return exported_as(folder / "model.onnx", run, "none")
 
 
 @pytest.fixture(scope="session")
-def quantised(tmp_path_factory: pytest.TempPathFactory) -> Export:
-    """The same with a hidden layer that is wide enough for whole numbers."""
-    folder = tmp_path_factory.mktemp("wide")
-    wide = "{kind: gabor, width: 64, layers: 3, input_scale: 8.0, alpha: 3.0}"
-    run = random_networks(folder, f"model.static.field={wide}", f"model.dynamic.field={wide}")
-    return exported_as(folder / "model.onnx", run, "none", "int8")
+def quantised(networks: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The same in whole numbers."""
+    return exported_as(tmp_path_factory.mktemp("int8") / "int8.onnx", networks.run, "none", "int8")
 
 
 def random_networks(folder: Path, *overrides: str) -> Path:
@@ -71,9 +77,19 @@ def random_networks(folder: Path, *overrides: str) -> Path:
 
 
 def exported_as(path: Path, run: Path, bake: Bake, precision: Precision = "fp32") -> Export:
-    """`run` exported through Python."""
-    exported = export(path, run, bake=bake, precision=precision, force=precision != "fp32")
+    """`run` exported through Python; what differs in precision alone is traced once, which takes most of the time."""
+    trace = exporter._trace
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exporter, "_trace", lambda graph: traced(run, bake, lambda: trace(graph)))
+        exported = export(path, run, bake=bake, precision=precision, force=precision != "fp32")
     return Export(exported.path, run, "", bake)
+
+
+def traced(run: Path, bake: Bake, trace: Callable[[], onnx.ModelProto]) -> onnx.ModelProto:
+    """What `trace` gave for the run and the baking."""
+    if (run, bake) not in TRACES:
+        TRACES[run, bake] = trace()
+    return TRACES[run, bake]
 
 
 @pytest.fixture(params=["fitted", "unbaked", "whole", "networks"])

@@ -49,9 +49,9 @@ def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path:
     assert [float(word) for word in facts[contract.META_DEVIATION].split()] == [0.3, 0.75]
 
 
-def test_int8_needs_wide_layers(networks: Export):
+def test_int8_needs_wide_layers(fitted: Export):
     with pytest.raises(ExportError, match="int8 would change nothing: it is for layers of 64 inputs and outputs"):
-        reduce_precision(networks.proto(), "int8")
+        reduce_precision(fitted.proto(), "int8")
 
 
 def test_int8_quantises_wide_layers_of_either_form():
