@@ -75,7 +75,7 @@ class _Structures:
         least = min(LIKE, FALL * usual)
         return any(
             self._likeness(first, first + gap) >= least
-            for gap in range(after - before, REACH + 2)
+            for gap in range(after - before, after - before + REACH + 1)
             for first in range(max(0, after - gap), min(before + 1, len(self._structures) - gap))
         )
 
