@@ -21,6 +21,7 @@ import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from decomotion import config as configuration
+from decomotion.chance import first_weights
 from decomotion.checkpoint import ClipFacts
 from decomotion.data.pool import Pool
 from decomotion.geometry import ImagePlane
@@ -63,10 +64,10 @@ def main() -> None:
     if arguments.autocast is not None:
         overrides += (f"optim.autocast={arguments.autocast}",)
     config = configuration.load("paper", overrides=overrides)
-    torch.manual_seed(0)
     pool = random_pool(32, 2048, 256, arguments.feature_size)
     starts = (start_maps("identity", pool), start_maps("identity", pool))
-    model = DecoMotion(config.model, ImagePlane(256, 256), starts, arguments.feature_size)
+    with first_weights(0):
+        model = DecoMotion(config.model, ImagePlane(256, 256), starts, arguments.feature_size)
     clip = ClipFacts("random", "", 32, 256, 256, 24.0)
     run = Run(Path(tempfile.mkdtemp()), clip, config, model, pool, seed=0)
     seconds = []

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import zipfile
-import zlib
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -17,17 +15,14 @@ import numpy.typing as npt
 from decomotion.errors import InputError
 from decomotion.files import replacing
 
-UNREADABLE = (ValueError, OSError, EOFError, RuntimeError, SyntaxError, TokenError, zipfile.BadZipFile, zlib.error)
-"""What reading raises where a file is damaged or of another kind: of zipfile, of zlib, of numpy and of its headers."""
+SUFFIX = ".npy"
+"""Of the members of an .npz file, whose names without it are the keys."""
 
 
 def read_npy(path: Path, error: type[InputError], remedy: str = "replace it") -> npt.NDArray[Any]:
     """The array of a file. Raises `error`, naming the remedy, where it is no .npy, is damaged, or holds objects."""
-    try:
-        with open(path, "rb") as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
-    except UNREADABLE as cause:
-        raise error(f"{path} is not an .npy file of a plain array, or is damaged ({cause}); {remedy}") from cause
+    with _told(f"{path} is not an .npy file of a plain array", error, remedy), open(path, "rb") as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
 
 
 def read_npz(
@@ -37,8 +32,13 @@ def read_npz(
 
     Raises `error`, naming the remedy, where it is no .npz, is damaged, or holds objects.
     """
-    with _opened(path, error, remedy) as archive:
-        return {key: archive[key] for key in archive.files if keys is None or key in keys}
+    with _opened(path, error, remedy) as (archive, found):
+        arrays = {}
+        for key in found:
+            if keys is None or key in keys:
+                with archive.open(key + SUFFIX) as member:
+                    arrays[key] = np.lib.format.read_array(member, allow_pickle=False)
+        return arrays
 
 
 def allocated_memmap(
@@ -61,14 +61,26 @@ def allocated_memmap(
 
 def npz_keys(path: Path, error: type[InputError], remedy: str = "replace it") -> list[str]:
     """The keys of a file, whose arrays are not read. Raises `error`, naming the remedy, where it is no .npz."""
-    with _opened(path, error, remedy) as archive:
-        return list(archive.files)
+    with _opened(path, error, remedy) as (_, keys):
+        return keys
 
 
 @contextmanager
-def _opened(path: Path, error: type[InputError], remedy: str) -> Iterator[Any]:
+def _opened(path: Path, error: type[InputError], remedy: str) -> Iterator[tuple[zipfile.ZipFile, list[str]]]:
+    """The archive and its keys."""
+    with _told(f"{path} is not an .npz file of plain arrays", error, remedy), zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        if len(set(names)) != len(names):
+            raise zipfile.BadZipFile("it has two arrays of one name")
+        if other := [name for name in names if not name.endswith(SUFFIX)]:
+            raise zipfile.BadZipFile(f"it holds {other[0]!r}")
+        yield archive, [name.removesuffix(SUFFIX) for name in names]
+
+
+@contextmanager
+def _told(what: str, error: type[InputError], remedy: str) -> Iterator[None]:
+    """numpy, zipfile and what they decompress with raise whatever a damaged header brings them to."""
     try:
-        with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
-            yield archive
-    except UNREADABLE as cause:
-        raise error(f"{path} is not an .npz file of plain arrays, or is damaged ({cause}); {remedy}") from cause
+        yield
+    except Exception as cause:
+        raise error(f"{what}, or is damaged ({cause or type(cause).__name__}); {remedy}") from cause

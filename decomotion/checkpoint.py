@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
+from pydantic import PositiveFloat, PositiveInt, TypeAdapter
 
 from decomotion import config as configuration
 from decomotion.clip import Clip
@@ -28,14 +28,14 @@ class ClipFacts:
 
     name: str
     digest: str
-    num_frames: int
-    height: int
-    width: int
-    fps: float
+    num_frames: PositiveInt
+    height: PositiveInt
+    width: PositiveInt
+    fps: PositiveFloat
     """Frames a second, in the mean."""
     times: tuple[float, ...] | None = None
     """Seconds of each frame, from 0; None where `fps` says them, and in older files."""
-    pixel_aspect: float = 1.0
+    pixel_aspect: PositiveFloat = 1.0
     """Width of a pixel over its height."""
 
     @staticmethod
@@ -90,7 +90,7 @@ def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
         found = _rebuilt(content, str(path)) if version == FORMAT_VERSION else None
     except ConfigError as error:
         raise CheckpointError(f"the configuration in {error}; fit the clip again") from error
-    except (pickle.UnpicklingError, RuntimeError, EOFError, LookupError, TypeError, ValueError, OSError) as error:
+    except Exception as error:  # torch's reader and the model raise what damaged content brings them to
         raise CheckpointError(f"{path} is not a decomotion checkpoint, or is damaged; train again") from error
     if found is None:
         remedy = "upgrade it" if version > FORMAT_VERSION else "fit the clip again"
@@ -101,13 +101,15 @@ def load(path: Path, device: torch.device | str = "cpu") -> Checkpoint:
 
 def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
     config = configuration.parse(content["config"], source)
-    clip = ClipFacts(**content["clip"])
-    state = content["model"]
-    identity = torch.eye(3, 4).repeat(clip.num_frames, 1, 1)  # of a volume that is not there
+    clip = TypeAdapter(ClipFacts).validate_python(content["clip"])
+    state, training = content["model"], dict(content["training"])
+    identity = torch.eye(3, 4).expand(clip.num_frames, 3, 4)  # of a volume that is not there
     starts = (state.get("static.affine.start", identity), state.get("dynamic.affine.start", identity))
+    if any(len(start) != clip.num_frames for start in starts):
+        raise ValueError("model and clip are of different lengths")
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
-    return Checkpoint(config, clip, model, content["training"])
+    return Checkpoint(config, clip, model, training)
 
 
 def latest_run(root: Path = Path("runs")) -> Path:

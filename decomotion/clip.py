@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from decomotion.errors import ClipError
 from decomotion.frame_files import frame_files, read_frames
-from decomotion.frame_files import images_in as images_in  # for the masks of the user
 from decomotion.video import ROUNDING, read_video
 
 log = logging.getLogger(__name__)

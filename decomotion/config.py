@@ -12,10 +12,10 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-import yaml
 from deepmerge import STRATEGY_END, Merger
 from pydantic import Field, ValidationError
 
+from decomotion import plain_yaml
 from decomotion.data.config import DataConfig
 from decomotion.data.flow.config import ESTIMATORS, FlowConfig
 from decomotion.errors import ConfigError
@@ -89,8 +89,8 @@ def _read(preset: str, file: str | Path | None) -> tuple[dict[str, Any], str]:
     if not source.is_file():
         raise ConfigError(f"config file {source} does not exist; copy one of decomotion/configs/ to start from")
     try:
-        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        tree = plain_yaml.parse(source.read_text(encoding="utf-8"))
+    except ValueError as error:
         raise ConfigError(f"config file {source} is not YAML: {error}") from error
     if not isinstance(tree, dict):
         raise ConfigError(f"config file {source} does not hold a mapping of keys")
@@ -111,7 +111,7 @@ def _completed(given: dict[str, Any], flow: str | None) -> dict[str, Any]:
         given = {**common, **({"kind": flow} if flow in ESTIMATORS else {"kind": "folder", "path": flow})}
     if given.get("kind") not in ESTIMATORS:
         return given
-    return {**yaml.safe_load(_shipped(f"flow/{given['kind']}.yaml").read_text(encoding="utf-8")), **given}
+    return {**plain_yaml.parse(_shipped(f"flow/{given['kind']}.yaml").read_text(encoding="utf-8")), **given}
 
 
 def parse(tree: Any, source: str) -> Config:
@@ -148,6 +148,6 @@ def _apply(tree: dict[str, Any], override: str) -> None:
     if not isinstance(branch, dict) or path[-1] not in branch:
         raise ConfigError(f"--set {override}: there is no key {key.strip()}")
     try:
-        branch[path[-1]] = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        branch[path[-1]] = plain_yaml.parse(text)
+    except ValueError as error:
         raise ConfigError(f"--set {override}: the value is not YAML") from error

@@ -4,8 +4,13 @@
 class InputError(ValueError):
     """Bad input; its text is one sentence: what was wrong, where, and what to do.
 
-    The command-line tools print that sentence and exit with code 2 (`decomotion.console.run`).
+    The command-line tools print that sentence and exit with code 2 (`decomotion.console.run`). It stays one line
+    whatever it quotes: line breaks become spaces, and what cannot be printed becomes its escape sequence.
     """
+
+    def __init__(self, text: str) -> None:
+        line = " ".join(part.strip() for part in text.splitlines())
+        super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in line))
 
 
 class ClipError(InputError):

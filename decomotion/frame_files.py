@@ -92,13 +92,18 @@ def in_8_bits(frame: AnyDepth, bits: int = DEPTHS[-1]) -> Image:
 
 
 def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
-    """The picture of an image file, RGB [H, W, 3], of 8 or 16 bits; None where it does not decode.
+    """The picture of an image file, RGB [H, W, 3]; None where it does not decode as one of 8 or 16 bits.
 
     With `upright`, an EXIF orientation is applied.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
-    frame = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if content else None
-    return None if frame is None else cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
+    try:
+        frame = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error:  # empty, or larger than OpenCV reads
+        return None
+    if frame is None or frame.dtype not in (np.uint8, np.uint16):  # files of floats, whatever their suffix
+        return None
+    return cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
 
 
 def _read(file: Path) -> AnyDepth:

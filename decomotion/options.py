@@ -103,7 +103,7 @@ SUPERVISION_OPTIONS = (
         "--prepare-budget",
         type=Duration(),
         help="Time that preparation should take at most, in a fit no more than three quarters of its --time-budget: "
-        "thins the gaps at which flow is computed.  [default: the preset's]",
+        "thins the gaps at which flow is computed, and the points.  [default: the preset's]",
     ),
 )
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, Field, ValidationError
 
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.cuts import find_cuts
 from decomotion.data.flow.config import FolderFlowConfig
-from decomotion.errors import ClipError, ConfigError
+from decomotion.errors import CheckpointError, ClipError, ConfigError
 from decomotion.files import replacing
 
 FILE_NAME = "shots.json"
@@ -23,12 +25,20 @@ FILE_NAME = "shots.json"
 class Shot:
     """Some frames of a clip, which is fitted as a clip of its own, numbered from 0."""
 
-    name: str
+    name: Annotated[str, Field(pattern="^shot-[0-9]+$")]
     """Of the run's folder: `shot-000`, …"""
     begin: int
     """First frame in the clip."""
     end: int
     """The frame after its last."""
+
+
+class _Shots(BaseModel):
+    """`shots.json`."""
+
+    clip: str
+    num_frames: int
+    shots: list[Shot]
 
 
 def check_one_shot(clip: Clip) -> None:
@@ -80,8 +90,8 @@ def each_shot(clip: Clip, folder: Path, fit: Callable[[Clip, Path, float], Path]
     """
     shots = shots_of(clip)
     with replacing(folder / FILE_NAME) as file:
-        content = {"clip": clip.name, "num_frames": len(clip), "shots": [asdict(shot) for shot in shots]}
-        file.write_text(json.dumps(content, indent=1), encoding="utf-8")
+        content = _Shots(clip=clip.name, num_frames=len(clip), shots=shots)
+        file.write_text(content.model_dump_json(indent=1), encoding="utf-8")
     return [
         fit(clip.part(shot.begin, shot.end, shot.name), folder / shot.name, (shot.end - shot.begin) / len(clip))
         for shot in shots
@@ -89,8 +99,15 @@ def each_shot(clip: Clip, folder: Path, fit: Callable[[Clip, Path, float], Path]
 
 
 def runs_of_shots(folder: Path) -> list[Path]:
-    """The run folders of a clip that was split; empty where `folder` is not the folder of one."""
+    """The run folders of a clip that was split; empty where `folder` is not the folder of one.
+
+    Raises `CheckpointError` where its `shots.json` is damaged.
+    """
     file = folder / FILE_NAME
     if not file.is_file():
         return []
-    return [folder / Shot(**shot).name for shot in json.loads(file.read_text(encoding="utf-8"))["shots"]]
+    try:
+        content = _Shots.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        raise CheckpointError(f"{file} does not tell where the clip's shots are; train again") from error
+    return [folder / shot.name for shot in content.shots]

@@ -16,8 +16,16 @@ if TYPE_CHECKING:
 
 SHARED = Path(os.environ.get("DECOMO_SHARED", Path(__file__).parents[2] / "shared"))
 
-hypothesis.settings.register_profile("shared-machine", deadline=None)  # a busy machine is not a failure
-hypothesis.settings.load_profile("shared-machine")
+FUZZ_EXAMPLES = os.environ.get("DECOMO_FUZZ")
+"""Examples of each property for a long search; without it, a hundred that are the same in every run."""
+
+hypothesis.settings.register_profile(
+    "ours",
+    deadline=None,  # a busy machine is not a failure
+    derandomize=FUZZ_EXAMPLES is None,
+    max_examples=int(FUZZ_EXAMPLES or 100),
+)
+hypothesis.settings.load_profile("ours")
 
 
 @pytest.fixture(scope="session")

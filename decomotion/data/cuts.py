@@ -2,46 +2,95 @@
 
 from __future__ import annotations
 
-import cv2
+from collections.abc import Sequence
+from statistics import median
+
 import numpy as np
 import numpy.typing as npt
-from scenedetect import FrameTimecode
-from scenedetect.detectors import AdaptiveDetector
 
-SIDE = 256
-"""Frames are compared with this longer side."""
-RATIO = 1.8
-"""A cut changes a frame by so many times the average change of its neighbours."""
-LEAST_CHANGE = 22.0
-"""And by at least this much: mean difference of hue, saturation and brightness, 0 to 255."""
-WINDOW = 2
-"""Frames on either side that count as neighbours."""
-FPS = 24.0
-"""Any: detection counts frames."""
+from decomotion.data.likeness import Structure, likeness, structure_of
+
+LIKE = 0.04
+"""Frames of one shot have at least this share of their structure in common."""
+FALL = 0.2
+"""Or this share of what is usual around them: some motion is too fast to follow."""
+AROUND = 3
+"""Steps on either side that say what is usual."""
+DIP = 0.85
+"""A blend of two shots is alike to one of its neighbours by less than this share of what is usual."""
+REACH = 6
+"""Frames between two that are compared at most: a flash, or an object before the lens, is over by then."""
 
 
 def find_cuts(frames: npt.NDArray[np.uint8]) -> list[int]:
-    """The first frame of each shot but the first, ascending; `frames` are [T, H, W, 3] RGB.
+    """The first frame of each shot but the first, ascending; `frames` are [T, H, W, 3] RGB, read once, in order.
 
-    PySceneDetect's adaptive detector, which compares each change with the changes around it: pans and fast motion
-    change every frame, a cut changes one. The clip is mirrored at its ends, so that cuts near them are found.
+    A cut is where no frame shortly before goes together with one shortly after (`likeness.py`); one frame between
+    them, a blend of both or like neither, belongs to the shot that it is more like. What is over after `REACH` frames
+    is no cut. Frames without structure, black or white, belong to the shot before them. Where three steps in a row
+    lead nowhere, the motion is too fast, and nothing is a cut.
+
+    So shots of a frame or two, and dissolves over more than a frame, may not be found.
     """
-    if len(frames) < 2:
-        return []
-    detector = AdaptiveDetector(
-        adaptive_threshold=RATIO, min_content_val=LEAST_CHANGE, window_width=WINDOW, min_scene_len=0
-    )
-    padding = min(WINDOW + 1, len(frames) - 1)
-    order = np.pad(np.arange(len(frames)), padding, mode="reflect")
-    found = []
-    for number, frame in enumerate(order):
-        found += detector.process_frame(FrameTimecode(number, FPS), _small(frames[frame]))
-    cuts = (cut.frame_num - padding for cut in found)
-    return [frame for frame in cuts if 0 < frame < len(frames)]
+    shown = [(number, structure_of(frame)) for number, frame in enumerate(frames)]
+    numbers = [number for number, structure in shown if structure is not None]
+    clip = _Structures([structure for _, structure in shown if structure is not None])
+    broken = {place for place in range(clip.num_steps) if clip.breaks_at(place)}
+    broken |= {clip.weaker_step(odd) for odd in range(1, clip.num_steps) if clip.is_blend(odd)}
+    return [numbers[place + 1] for place in _single(sorted(broken), clip.steps)]
 
 
-def _small(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """The frame reduced, in OpenCV's BGR, which PySceneDetect expects."""
-    scale = min(1.0, SIDE / max(frame.shape[:2]))
-    size = (max(1, round(frame.shape[1] * scale)), max(1, round(frame.shape[0] * scale)))
-    return np.asarray(cv2.cvtColor(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2BGR), np.uint8)
+class _Structures:
+    """Of the frames that have one. Step n leads from frame n to the next."""
+
+    def __init__(self, structures: Sequence[Structure]) -> None:
+        self._structures = structures
+        self._known: dict[tuple[int, int], float] = {}
+        self.num_steps = max(0, len(structures) - 1)
+        self.steps = [self._likeness(place, place + 1) for place in range(self.num_steps)]
+
+    def breaks_at(self, place: int) -> bool:
+        """Whether nothing leads across a step."""
+        return not self._leads_across(place, place + 1, self._usual(place))
+
+    def is_blend(self, odd: int) -> bool:
+        """Whether nothing leads across a frame, though frames as far apart are alike on either side of it."""
+        weaker = self.weaker_step(odd)
+        if self.steps[weaker] >= DIP * self._usual(weaker) or odd < 3 or odd > self.num_steps - 3:
+            return False
+        usual = min(self._likeness(odd - 3, odd - 1), self._likeness(odd + 1, odd + 3))
+        return not self._leads_across(odd - 1, odd + 1, usual)
+
+    def _usual(self, place: int) -> float:
+        """The likeness of the steps around one."""
+        around = [*self.steps[max(0, place - AROUND) : place], *self.steps[place + 1 : place + 1 + AROUND]]
+        return median(around) if around else 1.0
+
+    def weaker_step(self, number: int) -> int:
+        """Of the two steps to and from a frame."""
+        return min(number - 1, number, key=self.steps.__getitem__)
+
+    def _leads_across(self, before: int, after: int, usual: float) -> bool:
+        """Whether a frame up to `before` and one from `after` on go together; the nearer ones are compared first."""
+        least = min(LIKE, FALL * usual)
+        return any(
+            self._likeness(first, first + gap) >= least
+            for gap in range(after - before, after - before + REACH + 1)
+            for first in range(max(0, after - gap), min(before + 1, len(self._structures) - gap))
+        )
+
+    def _likeness(self, first: int, second: int) -> float:
+        if (first, second) not in self._known:
+            self._known[first, second] = likeness(self._structures[first], self._structures[second])
+        return self._known[first, second]
+
+
+def _single(broken: Sequence[int], steps: Sequence[float]) -> list[int]:
+    """One of each row of broken steps, the most unlike; none of a row that is too long for a cut."""
+    rows: list[list[int]] = []
+    for place in broken:
+        if rows and rows[-1][-1] == place - 1:
+            rows[-1].append(place)
+        else:
+            rows.append([place])
+    return [min(row, key=steps.__getitem__) for row in rows if len(row) < 3]

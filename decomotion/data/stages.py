@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from filelock import FileLock, Timeout
+from pydantic import BaseModel, FiniteFloat, ValidationError
 
 from decomotion.files import naming
 
@@ -32,6 +33,14 @@ RECORD = "stage.json"
 """Written last: what the stage was made from, how long it took, and facts worth keeping."""
 ABANDONED_SECONDS = 7 * 24 * 3600
 """What a killed run left is kept this long for another to go on with."""
+
+
+class _Content(BaseModel):
+    """Of `stage.json`, beside the settings."""
+
+    seconds: dict[str, FiniteFloat]
+    facts: dict[str, Any]
+    files: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -59,7 +68,10 @@ class Stage:
         """Whether it is there, whole: no file is missing or has another size than it had."""
         if not (self.folder / RECORD).is_file():
             return False
-        files = json.loads((self.folder / RECORD).read_text(encoding="utf-8")).get("files", {})
+        try:
+            files = self._content().files
+        except ValidationError:
+            return False
         return all(_size(self.folder / name) == size for name, size in files.items())
 
     @property
@@ -69,9 +81,12 @@ class Stage:
 
     def record(self, cached: bool) -> Record:
         """Of the finished stage; `cached`: not made by this call."""
-        content = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+        content = self._content()
         size = sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
-        return Record(self.name, self.folder, content["seconds"], content["facts"], size, cached)
+        return Record(self.name, self.folder, content.seconds, content.facts, size, cached)
+
+    def _content(self) -> _Content:
+        return _Content.model_validate_json((self.folder / RECORD).read_bytes())
 
     def run(self, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
         """Makes the stage with `build` unless it is finished; `rebuild` forgets what there is.
@@ -171,6 +186,6 @@ def readable(path: Path) -> bool:
     """Whether a whole `.npy` file is there."""
     try:
         np.load(path, mmap_mode="r")
-    except (OSError, ValueError):
+    except Exception:  # numpy evaluates the header: what a damaged one brings it to is not limited
         return False
     return True

@@ -218,7 +218,7 @@ class FolderDataset(Mapping[str, Video]):
 
     def __getitem__(self, name: str) -> Video:
         file, folder = self._files[name], self._files[name].with_suffix("")
-        truth = read_npz(file, DatasetError)
+        truth = read_npz(file, DatasetError, ("tracks", "occluded"))
         if not folder.is_dir() or "tracks" not in truth or "occluded" not in truth:
             raise DatasetError(f"{file} must hold tracks and occluded, and {folder} the video's frames")
         with _of_dataset():
@@ -261,6 +261,8 @@ def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
     """The videos of one pickle by name; those of a list are named by `prefix` and their position."""
     content = safe_pickle.load(path)
     if isinstance(content, Mapping):
+        if not all(isinstance(name, str | int) for name in content):
+            raise DatasetError(f"{path} must name its videos by text")
         entries = {str(name): entry for name, entry in content.items()}
     elif isinstance(content, list | tuple):
         entries = {f"{prefix}{index}": entry for index, entry in enumerate(content)}
@@ -300,10 +302,9 @@ def _read_video(path: str | Path, name: str, entry: Any) -> Video:
 
 
 def _numbers(where: str, key: str, value: Any) -> npt.NDArray[np.float64]:
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DatasetError(f"{where} must have an array of numbers as {key}") from error
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "biuf":
+        raise DatasetError(f"{where} must have an array of numbers as {key}")
+    return np.asarray(value, dtype=np.float64)
 
 
 def _check_visible(where: str, points: npt.NDArray[np.float64]) -> None:

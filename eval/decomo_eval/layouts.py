@@ -115,11 +115,17 @@ def _tapnet_occluded(path: Path, content: Arrays) -> npt.NDArray[Any]:
     if "occlusion" in content:
         visible = 1 - _sigmoid(_scores(path, content, "occlusion", 2))
         if "expected_dist" in content:
-            visible = visible * (1 - _sigmoid(_scores(path, content, "expected_dist", 2)))
+            certain = 1 - _sigmoid(_scores(path, content, "expected_dist", 2))
+            if certain.shape != visible.shape:
+                raise PredictionError(
+                    f"{path} has occlusion {list(visible.shape)} and expected_dist {list(certain.shape)}; both must be "
+                    "[N, T]"
+                )
+            visible = visible * certain
         return ~(visible > 0.5)
     if "visibles" in content:
         visibles = _of_one_video(path, content, "visibles", 2)
-        if not np.isin(visibles, (0, 1)).all():
+        if visibles.dtype.kind not in "biuf" or not np.isin(visibles, (0, 1)).all():
             raise PredictionError(
                 f"{path} must hold true or false as visibles; threshold them, or save TAPIR's logits as occlusion and "
                 "expected_dist"

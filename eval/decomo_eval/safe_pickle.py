@@ -13,7 +13,7 @@ import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,18 +22,6 @@ from decomo_eval.errors import DatasetError, UnsafePickleError
 
 _PLAIN_TYPE = re.compile(r"[biufcSU][1-9]\d*")
 """Boolean, integer, float, complex number, byte and unicode string, with its size, as numpy spells it in a pickle."""
-
-_DAMAGE = (
-    pickle.UnpicklingError,
-    EOFError,
-    LookupError,
-    TypeError,
-    ValueError,
-    ArithmeticError,
-    AttributeError,
-    MemoryError,
-)
-"""What the unpickler and the stand-ins raise on bytes that are no pickle, or a damaged one."""
 
 
 def load(path: str | Path) -> Any:
@@ -53,7 +41,7 @@ def load(path: str | Path) -> Any:
         ) from None
     except OSError as error:
         raise DatasetError(f"{path} cannot be opened ({error.strerror}); give a TAP-Vid pickle") from error
-    except _DAMAGE as error:
+    except Exception as error:  # the unpickler and the stand-ins raise what a damaged program brings them to
         raise DatasetError(f"{path} is not a readable pickle ({error}); is the file whole?") from error
 
 
@@ -161,10 +149,44 @@ for _core in ("numpy.core", "numpy._core"):  # numpy 1, numpy 2
         _STAND_INS[f"{_core}.{_module}", "_frombuffer"] = _StandIn(_from_buffer)
 
 
-class _Unpickler(pickle.Unpickler):
-    """Finds our stand-ins and nothing else."""
+class _Unpickler(pickle._Unpickler):
+    """Finds our stand-ins and nothing else, and takes no more memory than the file has bytes.
 
-    def find_class(self, module: str, name: str, /) -> Any:
+    It is the one in Python: that in C makes room for as many things as the number that one of them is kept under.
+    """
+
+    stack: list[Any]
+    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = {**pickle._Unpickler.dispatch}
+
+    def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in _STAND_INS:
             raise _UnsafeError(f"{module}.{name}")
         return _STAND_INS[module, name]
+
+    def load_bytearray8(self) -> None:
+        """Reads as many bytes as there are; Python's own first fills as many with zeros as the file says."""
+        self.dispatch[pickle.BINBYTES8[0]](self)
+        self.stack[-1] = bytearray(self.stack[-1])
+
+    dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
+
+
+def _without_tuples(load: Callable[[Any], None], keys: slice) -> Callable[[Any], None]:
+    """An instruction that hashes `keys` of the stack; deeply nested tuples among them would overflow Python's own."""
+
+    def checked(unpickler: _Unpickler) -> None:
+        if any(isinstance(key, tuple) for key in unpickler.stack[keys]):
+            raise _UnsafeError("a tuple as a key")
+        load(unpickler)
+
+    return checked
+
+
+for _code, _keys in (
+    (pickle.SETITEM, slice(-2, -1)),
+    (pickle.SETITEMS, slice(0, None, 2)),
+    (pickle.DICT, slice(0, None, 2)),
+    (pickle.ADDITEMS, slice(None)),
+    (pickle.FROZENSET, slice(None)),
+):
+    _Unpickler.dispatch[_code[0]] = _without_tuples(_Unpickler.dispatch[_code[0]], _keys)

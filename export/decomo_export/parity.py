@@ -14,6 +14,7 @@ import torch
 from decomo_export.errors import ExportError
 from decomo_export.graph import QueryGraph
 from decomo_runtime import contract
+from decomotion.chance import generator
 from decomotion.geometry import ImagePlane
 
 log = logging.getLogger(__name__)
@@ -48,7 +49,7 @@ def measure(graph: QueryGraph, proto: onnx.ModelProto, force: bool = False) -> P
     """
     session = open_session(proto)
     plane, count = graph.model.plane, graph.model.num_frames
-    random = np.random.default_rng(0)
+    random = generator(0, "parity")
     pixels = score = 0.0
     for num_queries, num_frames in SIZES:
         queries = np.stack(

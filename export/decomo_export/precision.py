@@ -15,6 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from decomo_export.errors import ExportError
 from decomo_export.parity import open_session
 from decomo_runtime import contract
+from decomotion.chance import generator
 
 Precision = Literal["fp32", "fp16", "int8"]
 LIMIT_PIXELS = 0.5
@@ -145,7 +146,7 @@ def deviation(
 
     So many frames are asked for at once as `MEMORY` has room for, `bytes_per_ray` being that of the graph.
     """
-    random = np.random.default_rng(0)
+    random = generator(0, "deviation")
     place = random.uniform(-0.5, [width - 0.5, height - 0.5], (QUERIES, 2))
     queries = np.column_stack([random.integers(num_frames, size=QUERIES), place]).astype(np.float32)
     at_once = max(1, MEMORY // (QUERIES * bytes_per_ray))

@@ -47,9 +47,13 @@ def from_cotracker(
         queries: [N, 3], (t, x, y).
         frames: [M]; default: 0 .. M - 1.
 
-    Raises `TracksFileError` where the shapes do not go together.
+    Raises `TracksFileError` where they are no numbers, or the shapes do not go together.
     """
-    xy, seen, asked = (np.asarray(array, np.float32) for array in (tracks, visibility, queries))
+    given = [np.asarray(array) for array in (tracks, visibility, queries)]
+    if any(array.dtype.kind not in "biuf" for array in given):
+        raise TracksFileError(f"CoTracker's layout is of numbers; got {', '.join(str(array.dtype) for array in given)}")
+    with np.errstate(over="ignore"):
+        xy, seen, asked = (array.astype(np.float32) for array in given)
     xy = xy[0] if xy.ndim == 4 and len(xy) == 1 else xy
     seen = seen[0] if seen.ndim == 3 and len(seen) == 1 else seen
     if xy.ndim != 3 or xy.shape[2] != 2 or seen.shape != xy.shape[:2] or asked.shape != (xy.shape[1], 3):

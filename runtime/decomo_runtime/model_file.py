@@ -79,7 +79,7 @@ def open_session(
     _check_providers(providers, onnxruntime.get_available_providers())
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=providers)
-    except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument) as error:
+    except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument, UnicodeDecodeError) as error:
         raise ModelFileError(
             f"{path} is not an ONNX file, or it is damaged or cut short; copy it again, or {_WRITE_ONE}"
         ) from error
@@ -105,12 +105,12 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
     _check_names("output", contract.REQUIRED_OUTPUTS, [port.name for port in session.get_outputs()], path)
     bytes_per_ray = _bytes(metadata, contract.META_BYTES_PER_RAY, path, ModelFacts.bytes_per_ray)
     rendered = max(bytes_per_ray, ModelFacts.bytes_per_rendered_ray)
-    num_frames = _number(metadata, contract.META_NUM_FRAMES, path, int, lambda value: value >= 1)
+    num_frames = _number(metadata, contract.META_NUM_FRAMES, path, int, _countable)
     return ModelFacts(
         clip_name=_text(metadata, contract.META_CLIP_NAME, path),
         num_frames=num_frames,
-        height=_number(metadata, contract.META_HEIGHT, path, int, lambda value: value >= 1),
-        width=_number(metadata, contract.META_WIDTH, path, int, lambda value: value >= 1),
+        height=_number(metadata, contract.META_HEIGHT, path, int, _countable),
+        width=_number(metadata, contract.META_WIDTH, path, int, _countable),
         fps=_number(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
         preset=_text(metadata, contract.META_PRESET, path),
         occlusion_threshold=_number(
@@ -209,6 +209,11 @@ def _times(metadata: Mapping[str, str], num_frames: int, path: Path) -> tuple[fl
             f"{num_frames} rising seconds from 0; export the model again"
         )
     return tuple(times.tolist())
+
+
+def _countable(value: int) -> bool:
+    """Queries are float32, which holds every whole number up to 2^24."""
+    return 1 <= value <= 2**24
 
 
 def _bytes(metadata: Mapping[str, str], key: str, path: Path, otherwise: int) -> int:

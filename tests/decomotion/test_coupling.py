@@ -245,3 +245,9 @@ def test_cells_are_counted_along_the_longer_side():
     assert grid_size(half.flip(0), 8) == (9, 6)
     assert spacing(half, torch.zeros(2, 5, 9)) == pytest.approx(0.25)  # 2 / 8 across, 1.1 / 4 down
     assert spacing(half, torch.zeros(2, 12, 9)) == pytest.approx(0.1)  # 1.1 / 11
+
+
+@both_conditioners
+def test_checkpoints_hold_what_is_learned_and_nothing_else(conditioner: MlpConditionerConfig | GridConditionerConfig):
+    layer = make_layer(OBLIQUE[0], conditioner)
+    assert set(layer.state_dict()) == {name for name, _ in layer.named_parameters()}

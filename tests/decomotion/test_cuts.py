@@ -1,4 +1,4 @@
-"""Cuts are found where two clips are joined, and nowhere else; a clip of several shots becomes several runs."""
+"""Cuts are where two clips are joined, and nowhere else; a clip of several shots becomes several runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import av
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -18,6 +19,7 @@ from decomotion.config import load
 from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
 from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
+from harness.incidents import INCIDENTS
 from tiny_fit import AFFINE, TINY_CPU, sliding_square, write_frames
 
 
@@ -58,6 +60,55 @@ def test_a_fast_pan_is_no_cut():
     assert find_cuts(np.stack([scene[:, 4 * frame : 4 * frame + 32] for frame in range(12)])) == []
 
 
+def pan(seed: int, num_frames: int = 10) -> np.ndarray:
+    """A scene of its own, of soft shapes, passes at 3 pixels a frame: [T, 60, 96, 3]."""
+    chance = np.random.default_rng(seed)
+    scene = sum(
+        cv2.resize(chance.normal(0, 30, (*cells, 3)).astype(np.float32), (160, 60), interpolation=cv2.INTER_CUBIC)
+        for cells in ((4, 10), (9, 24), (20, 54))
+    )
+    scene = np.clip(100 + scene, 0, 255).astype(np.uint8)
+    return np.stack([scene[:, 3 * frame : 3 * frame + 96] for frame in range(num_frames)])
+
+
+class TestDrawnScenes:
+    def test_a_join_at_any_size(self):
+        joined = np.concatenate([pan(0), pan(1)])
+        larger = np.stack([cv2.resize(frame, (384, 240), interpolation=cv2.INTER_CUBIC) for frame in joined])
+        assert find_cuts(pan(0)) == find_cuts(pan(1)) == []
+        assert find_cuts(joined) == find_cuts(larger) == [10]
+
+    def test_colour_and_light_do_not_matter(self):
+        joined = np.concatenate([pan(0), pan(1)])
+        grey = joined.mean(3, keepdims=True).astype(np.uint8).repeat(3, axis=3)
+        assert find_cuts(grey) == find_cuts(grey // 4) == [10]
+
+    def test_one_odd_frame_between(self):
+        """A blend of both, one like neither: it is no shot of its own."""
+        for odd in (cv2.addWeighted(pan(0)[-1], 0.5, pan(1)[0], 0.5, 0), pan(2)[0]):
+            cuts = find_cuts(np.concatenate([pan(0), odd[None], pan(1)]))
+            assert cuts in ([10], [11])
+
+    def test_black_belongs_to_the_shot_before(self):
+        black = np.zeros((9, 60, 96, 3), np.uint8)
+        assert find_cuts(np.concatenate([black, pan(0), black, pan(1), black])) == [28]
+        assert find_cuts(np.concatenate([pan(0, 5), black, pan(0)[5:]])) == []
+
+    def test_what_is_soon_over_is_none(self):
+        for num_frames in (1, 3, 6):
+            whole = pan(0, 20)
+            whole[8 : 8 + num_frames] = pan(1)[:num_frames]
+            assert find_cuts(whole) == []
+        whole[8:16] = pan(1)[:8]
+        assert find_cuts(whole) == [8, 16]
+
+    def test_where_every_frame_is_another_scene_nothing_is_a_cut(self):
+        assert find_cuts(np.stack([pan(seed)[0] for seed in range(9)])) == []
+
+    def test_two_frames(self):
+        assert find_cuts(np.stack([pan(0)[0], pan(1)[0]])) == [1]
+
+
 @pytest.fixture(scope="module")
 def clips(shared: Path) -> dict[str, np.ndarray]:
     from decomo_eval.dataset import read_dataset
@@ -81,6 +132,12 @@ class TestRealClips:
         for one, other in zip(names, [*names[1:], names[0]], strict=True):
             assert find_cuts(np.concatenate([clips[one][-8:], clips[other][:8]])) == [8], (one, other)
 
+    @pytest.mark.parametrize("incident", INCIDENTS)
+    @pytest.mark.parametrize("name", ["libby", "scooter-black"])
+    def test_nor_where_something_happens(self, clips: dict[str, np.ndarray], name: str, incident: str):
+        frames = clips[name][:24, 30:210]
+        assert find_cuts(INCIDENTS[incident](frames, 10, np.random.default_rng(0))) == []
+
 
 class TestShots:
     def test_they_make_up_the_clip(self, two_shots: Clip):
@@ -90,6 +147,12 @@ class TestShots:
     def test_one_frame_is_no_shot(self, two_shots: Clip):
         with pytest.raises(ClipError, match="a shot of one frame, 8, and motion needs at least two"):
             shots_of(Clip("two", two_shots.frames[:9], 24.0))
+
+    def test_a_flash_leaves_one(self):
+        frames = sliding_square(10).frames.copy()
+        frames[5] = np.clip(frames[5].astype(int) + 100, 0, 255)
+        frames[6] = 255
+        assert [(shot.begin, shot.end) for shot in shots_of(Clip("flash", frames, 24.0))] == [(0, 10)]
 
     def test_each_is_fitted_as_a_clip_of_its_own(self, two_shots: Clip, tmp_path: Path):
         fitted = []

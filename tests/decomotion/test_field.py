@@ -122,12 +122,15 @@ def test_gabor_filters_begin_as_configured():
         assert linear.weight.abs().max().item() == pytest.approx(4000**-0.5, rel=0.01)
 
 
-def test_planes_of_a_grid_field():
+@pytest.mark.parametrize("upright", [False, True])
+def test_planes_of_a_grid_field(upright: bool):
     """Two normalised units, the longer side of the image, have 4 and 8 cells; z has as many for each of its units."""
     torch.manual_seed(0)
-    field = GridField(GridFieldConfig(kind="grid", width=6, channels=30, image_cells=(4, 8), depth_cells=5), EXTENT)
+    extent = EXTENT[[1, 0, 2]] if upright else EXTENT
+    field = GridField(GridFieldConfig(kind="grid", width=6, channels=30, image_cells=(4, 8), depth_cells=5), extent)
     # along x cells = 1.0 * cells + 1 values, along y 0.6 * cells, rounded up
-    assert [tuple(plane.shape) for plane in field.image_planes] == [(1, 30, 4, 5), (1, 30, 6, 9)]
+    sizes = [tuple(plane.shape[-2:]) for plane in field.image_planes]
+    assert [size[::-1] if upright else size for size in sizes] == [(4, 5), (6, 9)]
     assert tuple(field.depth_planes.shape) == (2, 30, 7, 6)
     assert field.network[0].in_features == 30 * 4 + 3
     for values in (*field.image_planes, field.depth_planes):

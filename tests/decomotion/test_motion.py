@@ -68,10 +68,10 @@ def test_masks_are_read_at_the_nearest_pixel():
     assert moving_at(points, masks).tolist() == [[1, 0, 0], [1, 0, 0]]
 
 
-@pytest.mark.parametrize(("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.5)])
+@pytest.mark.parametrize(("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.75)])
 def test_what_the_stage_leaves(kind: str, values: set[int], share: float | None, tmp_path: Path):
     points, targets, confidence, _ = moved(60)
-    points[..., 0] = np.where(np.arange(60) < 30, 8, 50)
+    points[..., 0] = np.where(np.arange(60) < 15, 8, 50)
     masks = None if kind == "none" else np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH))
     random = np.random.default_rng(0)
     facts = build_motion(CLIP, points, targets, confidence, (6, 10), kind, masks, random, False, tmp_path)

@@ -217,3 +217,29 @@ def test_a_preparation_that_takes_more_than_six_tenths_of_the_time_is_said(
     run.budget = Budget(1, seconds)
     run.loop(clock.now - prepared, progress=False)
     assert (f"preparation took {prepared} of the 100 seconds" in caplog.text) == warned
+
+
+@pytest.mark.parametrize(("seconds", "shown"), [(0.6, [2, 4, 6]), (1.2, [1, 2, 3, 4, 5, 6])])
+def test_the_bar_moves_once_a_second(
+    seconds: float,
+    shown: list[int],
+    tmp_path: Path,
+    pool: Pool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    clock = Clock(monkeypatch)
+    clock.ticks(new_run(tmp_path, pool, 0, "optim.steps=6"), seconds).loop(clock.now, progress=True)
+    said = capsys.readouterr().err
+    assert [step for step in range(1, 7) if f"step {step}  " in said] == shown
+
+
+@pytest.mark.parametrize(("share", "points"), [(0.25, 8), (0.5, 16), (1.0, 32)])
+def test_smoothness_is_asked_of_a_share_of_each_pair_s_points(
+    share: float, points: int, tmp_path: Path, pool: Pool, monkeypatch: pytest.MonkeyPatch
+):
+    run, asked = new_run(tmp_path, pool, 0, f"optim.smooth_share={share}"), []
+    predict = run.model.predict
+    monkeypatch.setattr(run.model, "predict", lambda *arguments: asked.append(arguments[4]) or predict(*arguments))
+    run.optimise(0.5)
+    assert asked == [points]  # of 32

@@ -71,9 +71,11 @@ def read_field(file: Path) -> Flow:
     flow = read_npy(file, SupervisionError) if file.suffix == ".npy" else _read_flo(file)
     if flow.ndim != 3 or flow.shape[2] != 2 or 0 in flow.shape or not np.issubdtype(flow.dtype, np.floating):
         raise SupervisionError(f"flow field {file} is {flow.dtype} {list(flow.shape)}; it must be float [h, w, 2]")
+    with np.errstate(over="ignore"):
+        flow = flow.astype(np.float32)
     if not np.isfinite(flow).all():
         raise SupervisionError(f"flow field {file} has values that are not finite numbers; replace them")
-    return flow.astype(np.float32)
+    return flow
 
 
 def _read_flo(file: Path) -> Flow:

@@ -13,7 +13,8 @@ from decomotion.arrays import read_npz
 from decomotion.clip import Clip
 from decomotion.errors import SupervisionError
 
-NAMES = ("tracks", "occluded", "queries", "confidence")
+TYPES = {"tracks": np.float32, "occluded": np.bool_, "queries": np.float64, "confidence": np.float32}
+"""The arrays that are read, and what they become."""
 QUERY_TOLERANCE = 0.05
 """Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
 
@@ -54,19 +55,19 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
         if name not in arrays:
             raise SupervisionError(f"{where} has no array {name!r}; it must have 'tracks' and 'occluded', [N, T, …]")
     frames, queries = len(clip), arrays.get("queries")
-    if queries is not None and (queries.ndim != 2 or queries.shape[1] != 3):
-        raise SupervisionError(f"{where}: queries is {list(queries.shape)}; it must be [N, 3], rows of (t, x, y)")
+    if queries is not None:
+        _check_queries(queries, frames, where)
     arrays = _point_first_of_square(arrays, frames, queries)
-    tracks = _point_first(arrays["tracks"], 3, frames, queries, f"{where}: tracks")
+    tracks = _point_first(arrays["tracks"], 3, frames, f"{where}: tracks")
     if tracks.shape[2] != 2:
         raise SupervisionError(f"{where}: tracks is {list(tracks.shape)}; it must be [N, T, 2], (x, y) in pixels")
     points = len(tracks)
     if not points:
         raise SupervisionError(f"{where} holds no track; leave it out")
-    hidden = _point_first(arrays["occluded"].astype(np.bool_), 2, frames, queries, f"{where}: occluded")
+    hidden = _point_first(arrays["occluded"], 2, frames, f"{where}: occluded")
     confidence = np.ones(hidden.shape, np.float32)
     if "confidence" in arrays:
-        confidence = _point_first(arrays["confidence"], 2, frames, queries, f"{where}: confidence").astype(np.float32)
+        confidence = _point_first(arrays["confidence"], 2, frames, f"{where}: confidence")
         if not ((confidence >= 0) & (confidence <= 1)).all():
             raise SupervisionError(f"{where}: confidence must lie in [0, 1]")
     for name, array in (("occluded", hidden), ("confidence", confidence)):
@@ -76,7 +77,7 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
     if not (finite | hidden).all():
         raise SupervisionError(f"{where}: tracks are not finite numbers where occluded says that they are seen")
     if queries is not None:
-        _check_queries(queries, tracks, hidden, max(clip.height, clip.width), where)
+        _check_starts(queries, tracks, hidden, max(clip.height, clip.width), where)
     middle = np.array([(clip.width - 1) / 2, (clip.height - 1) / 2])
     xy = np.where(finite[..., None], tracks, middle).astype(np.float32)
     seen = ~hidden & ((xy >= -0.5) & (xy <= np.array([clip.width, clip.height]) - 0.5)).all(axis=-1)
@@ -88,21 +89,22 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
 def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
     if not path.is_file():
         raise SupervisionError(f"{where} does not exist; give an .npz file")
-    arrays = read_npz(path, SupervisionError, NAMES, remedy="save it with numpy.savez")
+    arrays = read_npz(path, SupervisionError, TYPES, remedy="save it with numpy.savez")
     for name, array in arrays.items():
-        if not (np.issubdtype(array.dtype, np.number) or array.dtype == np.bool_):
+        if array.dtype.kind not in "biuf":
             raise SupervisionError(f"{where}: {name} holds {array.dtype}; it must hold numbers")
-    return arrays
+    if "occluded" in arrays and not np.isin(arrays["occluded"], (0, 1)).all():
+        raise SupervisionError(f"{where}: occluded must be true or false; compare a score with its threshold first")
+    with np.errstate(over="ignore"):  # what float32 does not hold is not finite
+        return {name: array.astype(TYPES[name]) for name, array in arrays.items()}
 
 
-def _point_first(array: npt.NDArray, axes: int, frames: int, queries: npt.NDArray | None, what: str) -> npt.NDArray:
-    """The array with its points first, [N, T, …], whichever order it came in; the queries tell N where T equals it."""
+def _point_first(array: npt.NDArray, axes: int, frames: int, what: str) -> npt.NDArray:
+    """The array with its points first, [N, T, …], whichever order it came in."""
     if array.ndim != axes or frames not in array.shape[:2]:
         order = "[N, T, 2]" if axes == 3 else "[N, T]"
         raise SupervisionError(f"{what} is {list(array.shape)}; it must be {order} with the clip's T = {frames} frames")
-    if array.shape[1] != frames:
-        return array.swapaxes(0, 1)
-    return array if queries is None or len(array) == len(queries) else array.swapaxes(0, 1)
+    return array if array.shape[1] == frames else array.swapaxes(0, 1)
 
 
 def _point_first_of_square(
@@ -112,28 +114,39 @@ def _point_first_of_square(
     tracks, row = arrays["tracks"], np.arange(frames)
     if queries is None or tracks.shape != (frames, frames, 2) or len(queries) != frames:
         return arrays
-    frame = np.clip(queries[:, 0], 0, frames - 1).astype(int)
-    miss = [
-        np.nanmedian(np.linalg.norm(starts - queries[:, 1:], axis=-1))
-        for starts in (tracks[row, frame], tracks[frame, row])
-    ]
-    if not miss[1] < miss[0]:
+    frame = queries[:, 0].astype(int)
+    if not _median_miss(tracks[frame, row], queries) < _median_miss(tracks[row, frame], queries):
         return arrays
-    return {name: array if name == "queries" else array.swapaxes(0, 1) for name, array in arrays.items()}
+    return {
+        name: array if name == "queries" or array.ndim < 2 else array.swapaxes(0, 1) for name, array in arrays.items()
+    }
 
 
-def _check_queries(queries: npt.NDArray, tracks: npt.NDArray, hidden: npt.NDArray, side: int, where: str) -> None:
-    frames = tracks.shape[1]
-    if len(queries) != len(tracks):
-        raise SupervisionError(f"{where}: queries has {len(queries)} points but tracks has {len(tracks)}")
+def _median_miss(starts: npt.NDArray, queries: npt.NDArray) -> float:
+    """Pixels between queries and where their tracks are in the same frames, of those that are finite."""
+    miss = np.linalg.norm(starts - queries[:, 1:], axis=-1)
+    miss = miss[np.isfinite(miss)]
+    return float(np.median(miss)) if len(miss) else np.inf
+
+
+def _check_queries(queries: npt.NDArray, frames: int, where: str) -> None:
+    if queries.ndim != 2 or queries.shape[1] != 3:
+        raise SupervisionError(f"{where}: queries is {list(queries.shape)}; it must be [N, 3], rows of (t, x, y)")
     frame = queries[:, 0]
     if not ((frame >= 0) & (frame < frames) & (frame == np.round(frame))).all():
         raise SupervisionError(f"{where}: queries begin with a frame, a whole number in 0 … {frames - 1}")
-    row = np.arange(len(queries))
-    seen = ~hidden[row, frame.astype(int)]
-    miss = np.linalg.norm(tracks[row, frame.astype(int)] - queries[:, 1:], axis=-1)[seen]
-    if len(miss) and np.median(miss) > QUERY_TOLERANCE * side:
+    if not np.isfinite(queries).all():
+        raise SupervisionError(f"{where}: queries must be finite numbers")
+
+
+def _check_starts(queries: npt.NDArray, tracks: npt.NDArray, hidden: npt.NDArray, side: int, where: str) -> None:
+    if len(queries) != len(tracks):
+        raise SupervisionError(f"{where}: queries has {len(queries)} points but tracks has {len(tracks)}")
+    row, frame = np.arange(len(queries)), queries[:, 0].astype(int)
+    seen = ~hidden[row, frame]
+    miss = _median_miss(tracks[row, frame][seen], queries[seen])
+    if seen.any() and miss > QUERY_TOLERANCE * side:
         raise SupervisionError(
-            f"{where}: tracks lie {np.median(miss):.0f} pixels (median) from their own queries; "
+            f"{where}: tracks lie {miss:.0f} pixels (median) from their own queries; "
             "both must be (x, y) in pixels of the clip, queries with the frame first: (t, x, y)"
         )

@@ -5,12 +5,11 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from decomotion.clip import images_in
 from decomotion.data.masks.auto import Mask
 from decomotion.errors import SupervisionError
+from decomotion.frame_files import decode_frame, images_in
 
 log = logging.getLogger(__name__)
 
@@ -30,8 +29,7 @@ def read_masks(folder: Path, frames: int, height: int, width: int) -> Mask:
         raise SupervisionError(f"mask folder {folder} has {len(files)} images but the clip has {frames} frames")
     masks = []
     for file in files:
-        encoded = np.fromfile(file, np.uint8) if file.is_file() else np.empty(0, np.uint8)
-        image = cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if encoded.size else None
+        image = decode_frame(file.read_bytes()) if file.is_file() else None
         if image is None:
             raise SupervisionError(f"mask {file} does not decode as an image; replace it")
         mask = image.max(axis=-1) > (0 if file.suffix.lower() == ".png" else JPEG_BLACK)

@@ -1,0 +1,72 @@
+"""Pictures: masks of the user, and frames inside a dataset (`decomotion/frame_files.py` decodes both)."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decomotion.data.masks.folder import read_masks
+from decomotion.errors import ClipError
+from decomotion.frame_files import decode_frame, read_frames
+from decomotion.images import jpeg, png
+from near_misses import EXTREMES, answer, any_or_near
+
+HEIGHT, WIDTH = 6, 9
+PICTURE = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+@st.composite
+def forged_png(draw: st.DrawFn) -> bytes:
+    """A PNG file of whole chunks whose header tells another size, depth or colour than its pixels have."""
+    sides = st.sampled_from((WIDTH, HEIGHT, 0, 1, 20_000, 40_000, 2**20, *EXTREMES))
+    width, height = (draw(sides) % 2**32 for _ in range(2))
+    depth, colour = draw(st.sampled_from((1, 2, 4, 8, 16, 0, 255))), draw(st.sampled_from((0, 2, 3, 4, 6, 1, 255)))
+    rows = zlib.compress(draw(st.sampled_from((b"", bytes(HEIGHT * (1 + WIDTH)), b"\xff" * 4000, bytes(10**6)))))
+    header = struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, draw(st.integers(0, 2)))
+    parts = [chunk(b"IHDR", header), chunk(b"PLTE", bytes(3)), chunk(b"IDAT", rows), chunk(b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(draw(st.permutations(parts)) if draw(st.booleans()) else parts)
+
+
+def others() -> list[bytes]:
+    """Pictures of other kinds than the folder's suffix promises, as far as this OpenCV writes them."""
+    kinds = [(".bmp", PICTURE), (".webp", PICTURE), (".tiff", PICTURE.astype(np.float32)), (".hdr", PICTURE / 9)]
+    kinds += [(".tiff", PICTURE.astype(np.float64)), (".png", PICTURE.astype(np.uint16) * 200)]
+    return [cv2.imencode(kind, picture.astype(picture.dtype))[1].tobytes() for kind, picture in kinds]
+
+
+CONTENTS = st.one_of(any_or_near(png(PICTURE), jpeg(PICTURE, 90), *others()), forged_png(), st.sampled_from(others()))
+
+
+@given(content=CONTENTS, upright=st.booleans())
+def test_picture(content: bytes, upright: bool):
+    frame = answer(lambda: decode_frame(content, upright=upright))
+    if frame is not None:
+        assert frame.ndim == 3
+        assert frame.shape[2] == 3
+        assert frame.dtype in (np.uint8, np.uint16)
+
+
+@pytest.mark.parametrize("name", ["0.png", "0.jpg"])
+@given(content=CONTENTS)
+def test_masks_and_frames(place: Path, name: str, content: bytes):
+    folder = place / name
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_bytes(content)
+    masks = answer(lambda: read_masks(folder, 1, HEIGHT, WIDTH))
+    if masks is not None:
+        assert masks.shape == (1, HEIGHT, WIDTH)
+        assert masks.dtype == bool
+    frames = answer(lambda: read_frames([folder / name]), ClipError)
+    if frames is not None:
+        assert frames[0].dtype == np.uint8
