@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 
 import cv2
@@ -10,6 +11,10 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.floating]
 
+PIXELS_PER_BYTE = 8 * 1032
+"""Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
+HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
+"""Markers of a JPEG's size where that holds."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
 
 
@@ -22,6 +27,28 @@ def jpeg(image: npt.NDArray[np.uint8], quality: int, full_colour: bool = False) 
     """The file of a picture RGB [H, W, 3]; `quality` from 1 to 100, `full_colour` as fine as brightness (4:4:4)."""
     sampling = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444) if full_colour else ()
     return _encoded(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality, *sampling))
+
+
+def plausible(content: bytes) -> bool:
+    """Whether as many pixels as a PNG or JPEG file says can be in so few bytes; True for other files."""
+    try:
+        width, height = _size_in_header(content)
+    except (struct.error, IndexError):
+        return True
+    return width * height <= PIXELS_PER_BYTE * len(content)
+
+
+def _size_in_header(content: bytes) -> tuple[int, int]:
+    if content[12:16] == b"IHDR":
+        return struct.unpack_from(">II", content, 16)
+    place = 2
+    while content[:2] == b"\xff\xd8" and content[place] == 0xFF:  # a JPEG's segments
+        marker, length = struct.unpack_from(">xBH", content, place)
+        if marker in HUFFMAN_FRAMES:
+            height, width = struct.unpack_from(">HH", content, place + 5)
+            return width, height
+        place += 2 + length
+    return 0, 0
 
 
 def _encoded(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int]) -> bytes:

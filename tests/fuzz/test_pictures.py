@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import struct
 import zlib
 from pathlib import Path
@@ -46,6 +47,30 @@ def others() -> list[bytes]:
 
 
 CONTENTS = st.one_of(any_or_near(png(PICTURE), jpeg(PICTURE, 90), *others()), forged_png(), st.sampled_from(others()))
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+def test_a_size_takes_no_memory(kind: str):
+    """A picture of a few hundred bytes that says that it has 400 million pixels."""
+    sides = struct.pack(">HH", HEIGHT, WIDTH), struct.pack(">HH", 20_000, 20_000)
+    header = struct.pack(">IIBBBBB", 20_000, 20_000, 8, 2, 0, 0, 0)
+    parts = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    content = b"\x89PNG\r\n\x1a\n" + parts if kind == "png" else jpeg(PICTURE, 90).replace(*sides, 1)
+    begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert decode_frame(content) is None
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < begin + 2**18  # 256 MiB, in KiB
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("value", [0, 128])
+def test_the_emptiest_pictures_are_read(kind: str, value: int):
+    """A large one of a single colour has as many pixels in a byte as there can be."""
+    picture = np.full((3000, 2000, 3), value, np.uint8)
+    content = cv2.imencode(".png", picture[..., 0], [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+    progressive = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_QUALITY, 1, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+    frame = decode_frame((content if kind == "png" else cv2.imencode(".jpg", picture, progressive)[1]).tobytes())
+    assert frame is not None
+    assert frame.shape == picture.shape
 
 
 @given(content=CONTENTS, upright=st.booleans())
