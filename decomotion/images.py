@@ -13,6 +13,8 @@ Floats = npt.NDArray[np.floating]
 
 PIXELS_PER_BYTE = 8 * 1032
 """Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
+MOST_CUT = 2**24
+"""Bytes that may lack at the end: the reader decides whether what is there will do."""
 HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
 """Markers of a JPEG's size where that holds."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
@@ -30,25 +32,32 @@ def jpeg(image: npt.NDArray[np.uint8], quality: int, full_colour: bool = False) 
 
 
 def plausible(content: bytes) -> bool:
-    """Whether as many pixels as a PNG or JPEG file says can be in so few bytes; True for other files."""
+    """Whether what a PNG or JPEG file says of its size can be in so few bytes; True for other files."""
     try:
-        width, height = _size_in_header(content)
-    except (struct.error, IndexError):
+        if content[12:16] == b"IHDR":
+            return _plausible_png(content)
+        return _plausible_jpeg(content) if content[:2] == b"\xff\xd8" else True
+    except (struct.error, IndexError):  # cut off: what follows is not read
         return True
-    return width * height <= PIXELS_PER_BYTE * len(content)
 
 
-def _size_in_header(content: bytes) -> tuple[int, int]:
-    if content[12:16] == b"IHDR":
-        return struct.unpack_from(">II", content, 16)
+def _plausible_png(content: bytes) -> bool:
+    width, height = struct.unpack_from(">II", content, 16)
+    place = 8
+    while place < len(content):  # chunks: length, kind, content, checksum
+        place += 12 + struct.unpack_from(">I", content, place)[0]
+    return place <= len(content) + MOST_CUT and width * height <= PIXELS_PER_BYTE * len(content)
+
+
+def _plausible_jpeg(content: bytes) -> bool:
     place = 2
-    while content[:2] == b"\xff\xd8" and content[place] == 0xFF:  # a JPEG's segments
+    while content[place] == 0xFF:  # segments: marker, length, content
         marker, length = struct.unpack_from(">xBH", content, place)
         if marker in HUFFMAN_FRAMES:
             height, width = struct.unpack_from(">HH", content, place + 5)
-            return width, height
+            return width * height <= PIXELS_PER_BYTE * len(content)
         place += 2 + length
-    return 0, 0
+    return True
 
 
 def _encoded(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import struct
 import zlib
@@ -49,15 +50,17 @@ def others() -> list[bytes]:
 CONTENTS = st.one_of(any_or_near(png(PICTURE), jpeg(PICTURE, 90), *others()), forged_png(), st.sampled_from(others()))
 
 
-@pytest.mark.parametrize("kind", ["png", "jpg"])
-def test_a_size_takes_no_memory(kind: str):
-    """A picture of a few hundred bytes that says that it has 400 million pixels."""
-    sides = struct.pack(">HH", HEIGHT, WIDTH), struct.pack(">HH", 20_000, 20_000)
-    header = struct.pack(">IIBBBBB", 20_000, 20_000, 8, 2, 0, 0, 0)
-    parts = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
-    content = b"\x89PNG\r\n\x1a\n" + parts if kind == "png" else jpeg(PICTURE, 90).replace(*sides, 1)
+LYING = {
+    "many pixels": jpeg(PICTURE, 90).replace(struct.pack(">HH", HEIGHT, WIDTH), struct.pack(">HH", 20_000, 20_000), 1),
+    "much content": re.sub(rb"....IDAT", b"\xff\xff\xff\xf0IDAT", png(PICTURE), count=1, flags=re.DOTALL),
+}
+
+
+@pytest.mark.parametrize("lie", LYING)
+def test_a_size_takes_no_memory(lie: str):
+    """Of a picture of a few hundred bytes."""
     begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert decode_frame(content) is None
+    assert decode_frame(LYING[lie]) is None
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < begin + 2**18  # 256 MiB, in KiB
 
 
