@@ -13,8 +13,6 @@ Floats = npt.NDArray[np.floating]
 
 PIXELS_PER_BYTE = 8 * 1032
 """Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
-MOST_CUT = 2**24
-"""Bytes that may lack at the end: the reader decides whether what is there will do."""
 HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
 """Markers of a JPEG's size where that holds."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
@@ -36,17 +34,17 @@ def plausible(content: bytes) -> bool:
     try:
         if content[12:16] == b"IHDR":
             return _plausible_png(content)
-        return _plausible_jpeg(content) if content[:2] == b"\xff\xd8" else True
-    except (struct.error, IndexError):  # cut off: what follows is not read
-        return True
+        return content[:2] != b"\xff\xd8" or _plausible_jpeg(content)
+    except (struct.error, IndexError):  # a part that ends behind the file
+        return False
 
 
 def _plausible_png(content: bytes) -> bool:
     width, height = struct.unpack_from(">II", content, 16)
     place = 8
-    while place < len(content):  # chunks: length, kind, content, checksum
+    while content[place + 4 : place + 8] != b"IEND":  # chunks: length, kind, content, checksum
         place += 12 + struct.unpack_from(">I", content, place)[0]
-    return place <= len(content) + MOST_CUT and width * height <= PIXELS_PER_BYTE * len(content)
+    return width * height <= PIXELS_PER_BYTE * len(content)
 
 
 def _plausible_jpeg(content: bytes) -> bool:

@@ -64,6 +64,13 @@ def test_a_size_takes_no_memory(lie: str):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < begin + 2**18  # 256 MiB, in KiB
 
 
+@pytest.mark.parametrize("content", [png(PICTURE), jpeg(PICTURE, 90)])
+def test_what_follows_a_picture_is_not_read(content: bytes):
+    frame = decode_frame(content + b"\xff" * 50)
+    assert frame is not None
+    np.testing.assert_array_equal(frame, decode_frame(content))
+
+
 @pytest.mark.parametrize("kind", ["png", "jpg"])
 @pytest.mark.parametrize("value", [0, 128])
 def test_the_emptiest_pictures_are_read(kind: str, value: int):
