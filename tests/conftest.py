@@ -81,11 +81,18 @@ def chromium() -> Iterator[Browser]:
 
 
 TOGETHER = ("tests/export/", "tests/test_wheel.py", "tests/eval/test_bench.py")
-"""Tests that share what takes long to make, or fill two cores: with `-n 2 --dist loadgroup` they stay on one worker."""
+"""Tests that share what takes long to make, or fill two cores: they stay on one worker."""
+WORKERS = 2
+"""Of the whole suite; each holds torch, 1.5 GiB. Chosen files or folders are tested without."""
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """The answer to `--numprocesses=auto`."""
+    return WORKERS if config.args_source is pytest.Config.ArgsSource.TESTPATHS else 0
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Says so to pytest-xdist."""
+    """Tells pytest-xdist what stays together."""
     for item in items:
         for place in TOGETHER:
             if item.nodeid.startswith(place):

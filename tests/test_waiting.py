@@ -1,4 +1,4 @@
-"""No test waits without a bound, and processes start with signals of their own: read from the tests' own text."""
+"""No test waits without a bound, and processes are started where their signals are set: read from the tests' text."""
 
 from __future__ import annotations
 
