@@ -20,14 +20,16 @@ from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
 from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
 from harness.incidents import INCIDENTS
-from tiny_fit import AFFINE, TINY_CPU, sliding_square, write_frames
+from tiny_fit import AFFINE, TINY_CPU, sliding_square, texture, write_frames
 
 
 @pytest.fixture
 def two_shots() -> Clip:
-    """The sliding square, then what looks quite unlike it, sliding too."""
-    first = sliding_square(8).frames
-    return Clip("two", np.concatenate([first, 255 - first[:, ::-1, ::-1] // 3]), 24.0)
+    """Eight frames of one picture that slides, then as many of another."""
+    height, width = 84, 120
+    pictures = [texture(np.random.default_rng(seed), height, width + 8, grain=1.5) for seed in (10, 20)]
+    frames = [picture[:, place : place + width] for picture in pictures for place in range(8)]
+    return Clip("two", np.stack(frames), 24.0)
 
 
 def write_film(of: Clip, path: Path) -> Path:
@@ -195,7 +197,7 @@ class TestCommands:
 
         affine = [part for override in AFFINE for part in ("--set", override)]
         assert main([str(folder), "--steps", "1", "--shots", "split", *self.SET_TINY, *affine]) == 0
-        assert "fitted two-shot-001 (8 frames of 40x28): runs/two/shot-001" in capsys.readouterr().out
+        assert "fitted two-shot-001 (8 frames of 120x84): runs/two/shot-001" in capsys.readouterr().out
         Path("runs/two/shot-001/checkpoint.pt").unlink()
         assert main([str(folder), "--steps", "2", "--shots", "split", "--resume"]) == 0
         steps = [
