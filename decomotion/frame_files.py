@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from decomotion.errors import ClipError
 from decomotion.frame_order import frame_order
+from decomotion.images import plausible
 
 log = logging.getLogger(__name__)
 
@@ -97,6 +98,8 @@ def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
     With `upright`, an EXIF orientation is applied.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
+    if not plausible(content):  # the memory for all that it says would be taken first
+        return None
     try:
         frame = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:  # empty, or larger than OpenCV reads

@@ -14,6 +14,9 @@ import pytest
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # a worker for each core: threads of their own would wait for one another
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 SHARED = Path(os.environ.get("DECOMO_SHARED", Path(__file__).parents[2] / "shared"))
 
 FUZZ_EXAMPLES = os.environ.get("DECOMO_FUZZ")
@@ -80,7 +83,7 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-TOGETHER = ("tests/export/", "tests/test_wheel.py", "tests/eval/test_bench.py")
+TOGETHER = ("tests/export/", "tests/decomotion/test_metamorphic.py", "tests/test_wheel.py", "tests/eval/test_bench.py")
 """Tests that share what takes long to make, or fill two cores: they stay on one worker."""
 WORKERS = 2
 """Of the whole suite; each holds torch, 1.5 GiB. Chosen files or folders are tested without."""

@@ -81,8 +81,8 @@ TINY_PRESETS = {"cpu": TINY_CPU, "omnimotion": TINY_CPU, "paper": TINY_PAPER}
 def sliding_square(frames: int = FRAMES) -> Clip:
     """A textured square slides to the right over a textured scene that slides to the left, whole pixels a frame."""
     random = np.random.default_rng(0)
-    scene = _texture(random, HEIGHT, WIDTH + frames, grain=1.5)
-    square = _texture(random, SQUARE, SQUARE, grain=1.0)
+    scene = texture(random, HEIGHT, WIDTH + frames, grain=1.5)
+    square = texture(random, SQUARE, SQUARE, grain=1.0)
     video = []
     for frame in range(frames):
         picture = scene[:, frame : frame + WIDTH].copy()
@@ -92,7 +92,7 @@ def sliding_square(frames: int = FRAMES) -> Clip:
     return Clip("sliding", np.stack(video), 24.0)
 
 
-def _texture(random: np.random.Generator, height: int, width: int, grain: float) -> npt.NDArray[np.uint8]:
+def texture(random: np.random.Generator, height: int, width: int, grain: float) -> npt.NDArray[np.uint8]:
     noise = cv2.GaussianBlur(random.random((height, width, 3), np.float32), (0, 0), grain)
     return np.round(255 * (noise - noise.min()) / (noise.max() - noise.min())).astype(np.uint8)
 

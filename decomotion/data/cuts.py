@@ -25,19 +25,20 @@ REACH = 6
 def find_cuts(frames: npt.NDArray[np.uint8]) -> list[int]:
     """The first frame of each shot but the first, ascending; `frames` are [T, H, W, 3] RGB, read once, in order.
 
-    A cut is where no frame shortly before goes together with one shortly after (`likeness.py`); one frame between
-    them, a blend of both or like neither, belongs to the shot that it is more like. What is over after `REACH` frames
-    is no cut. Frames without structure, black or white, belong to the shot before them. Where three steps in a row
-    lead nowhere, the motion is too fast, and nothing is a cut.
+    A cut is where no frame shortly before goes together with one shortly after (`likeness.py`). A frame between, a
+    blend of both or like neither, belongs to the shot that it is more like. What is over after `REACH` frames is no
+    cut. Frames without structure, black or white, belong to the shot before them. Where most steps around lead
+    nowhere, the motion is too fast, and nothing is a cut.
 
-    So shots of a frame or two, and dissolves over more than a frame, may not be found.
+    So dissolves over more than a frame, and shots of a frame or two in a row, are not found; nor are all cuts between
+    frames whose longer side has less than about 100 pixels, which are alike by chance.
     """
     shown = [(number, structure_of(frame)) for number, frame in enumerate(frames)]
     numbers = [number for number, structure in shown if structure is not None]
     clip = _Structures([structure for _, structure in shown if structure is not None])
     broken = {place for place in range(clip.num_steps) if clip.breaks_at(place)}
     broken |= {clip.weaker_step(odd) for odd in range(1, clip.num_steps) if clip.is_blend(odd)}
-    return [numbers[place + 1] for place in _single(sorted(broken), clip.steps)]
+    return [numbers[place + 1] for place in _one_of_each_row(sorted(broken), clip.steps)]
 
 
 class _Structures:
@@ -85,12 +86,12 @@ class _Structures:
         return self._known[first, second]
 
 
-def _single(broken: Sequence[int], steps: Sequence[float]) -> list[int]:
-    """One of each row of broken steps, the most unlike; none of a row that is too long for a cut."""
+def _one_of_each_row(broken: Sequence[int], steps: Sequence[float]) -> list[int]:
+    """One of each row of broken steps, the most unlike: what lies between two shots is no shot."""
     rows: list[list[int]] = []
     for place in broken:
         if rows and rows[-1][-1] == place - 1:
             rows[-1].append(place)
         else:
             rows.append([place])
-    return [min(row, key=steps.__getitem__) for row in rows if len(row) < 3]
+    return [min(row, key=steps.__getitem__) for row in rows]

@@ -101,7 +101,7 @@ def _sizes(path: Path, content: dict[str, npt.NDArray[Any]], stored: Size, *, ex
     if "width" not in content and "height" not in content:
         return [stored] if exact else [stored, (RASTER_SIZE, RASTER_SIZE)]
     values = [content.get(key, np.array(0)) for key in ("width", "height")]
-    if any(value.size != 1 or value.dtype.kind not in "iuf" or not value.item() >= 1 for value in values):
+    if any(value.size != 1 or value.dtype.kind not in "iuf" or not 1 <= value.item() < np.inf for value in values):
         raise PredictionError(f"{path} must hold both width and height, as positive numbers, or neither")
     return [(int(values[0].item()), int(values[1].item()))]
 

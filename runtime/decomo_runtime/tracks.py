@@ -86,14 +86,19 @@ class Tracks:
                     f"{path}: {key} must be numbers of the shape {list(shape)}, got {arrays[key].dtype} of "
                     f"{list(arrays[key].shape)}; write it with 'decomo-track'"
                 )
+        frames = arrays["frames"].astype(np.float64)
+        if not ((np.abs(frames) < 2**53) & (frames == np.floor(frames))).all():
+            raise TracksFileError(f"{path}: frames must be whole numbers; write it with 'decomo-track'")
         told = [arrays[key] for key in ("height", "width") if key in arrays]
         if any(value.shape != () or value.dtype.kind not in "iu" or value < 1 for value in told) or len(told) == 1:
             raise TracksFileError(f"{path} must hold both height and width, as whole numbers from 1 on, or neither")
+        with np.errstate(over="ignore"):  # places beyond float32 are infinitely far
+            floats = {key: arrays[key].astype(np.float32) for key in ("tracks", "occlusion", "queries")}
         return cls(
-            arrays["tracks"].astype(np.float32),
+            floats["tracks"],
             arrays["occluded"].astype(bool),
-            arrays["occlusion"].astype(np.float32),
-            arrays["queries"].astype(np.float32),
+            floats["occlusion"],
+            floats["queries"],
             arrays["frames"].astype(np.int64),
             (int(told[0]), int(told[1])) if told else None,
             arrays["times"].astype(np.float64) if "times" in arrays else None,

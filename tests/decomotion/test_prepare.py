@@ -47,7 +47,7 @@ def pool(clip: Clip) -> Pool:
 
 class TestContent:
     def test_shapes(self, pool: Pool):
-        points = 256
+        points = 13 * 20
         assert pool.points.shape == (FRAMES, points, 2)
         assert pool.targets.shape == (FRAMES, FRAMES, points, 2)
         assert pool.confidence.shape == (FRAMES, FRAMES, points)
@@ -62,7 +62,7 @@ class TestContent:
         error = np.linalg.norm(pool.targets - truth, axis=-1)
         certain = pool.confidence > 127
         assert certain.mean() > 0.4
-        # DIS on 32 pixels, an outline included
+        # DIS on 40 pixels, an outline included
         assert np.median(error[certain]) < 0.2
         assert (error[certain] < 1).mean() > 0.9
 
@@ -392,12 +392,12 @@ class TestCache:
         assert "260 of 500 points a frame are linked" in caplog.text
         monkeypatch.setattr(links_stage.costs, "affordable_points", killed)
         prepared = preparation.prepare_in_stages(clip, settings, progress=False)
-        assert prepared.grid == (16, 16)
-        assert prepared.pool.num_points == 256
+        assert prepared.grid == (13, 20)
+        assert prepared.pool.num_points == 260
 
     def test_a_list_of_gaps_is_linked_whole(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e6)
-        assert prepare(clip, config("data.features=none"), progress=False).num_points == 256
+        assert prepare(clip, config("data.features=none"), progress=False).num_points == 260
 
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch

@@ -46,7 +46,7 @@ def test_safetensors(tmp_path: Path):
     save_file(PREFIXED, tmp_path / "weights.safetensors")
     assert same(read_state(tmp_path / "weights.safetensors", "--weights"))
     (tmp_path / "weights.safetensors").write_bytes(b"12345678901234567890")
-    with pytest.raises(SupervisionError, match=r"--weights .*weights.safetensors is not a safetensors file, or is dam"):
+    with pytest.raises(SupervisionError, match=r"--weights .*weights.safetensors is not a file of weights, or is dam"):
         read_state(tmp_path / "weights.safetensors", "--weights")
 
 

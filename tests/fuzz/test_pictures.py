@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import resource
 import struct
 import zlib
 from pathlib import Path
@@ -46,6 +48,39 @@ def others() -> list[bytes]:
 
 
 CONTENTS = st.one_of(any_or_near(png(PICTURE), jpeg(PICTURE, 90), *others()), forged_png(), st.sampled_from(others()))
+
+
+LYING = {
+    "many pixels": jpeg(PICTURE, 90).replace(struct.pack(">HH", HEIGHT, WIDTH), struct.pack(">HH", 20_000, 20_000), 1),
+    "much content": re.sub(rb"....IDAT", b"\xff\xff\xff\xf0IDAT", png(PICTURE), count=1, flags=re.DOTALL),
+}
+
+
+@pytest.mark.parametrize("lie", LYING)
+def test_a_size_takes_no_memory(lie: str):
+    """Of a picture of a few hundred bytes."""
+    begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert decode_frame(LYING[lie]) is None
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < begin + 2**18  # 256 MiB, in KiB
+
+
+@pytest.mark.parametrize("content", [png(PICTURE), jpeg(PICTURE, 90)])
+def test_what_follows_a_picture_is_not_read(content: bytes):
+    frame = decode_frame(content + b"\xff" * 50)
+    assert frame is not None
+    np.testing.assert_array_equal(frame, decode_frame(content))
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("value", [0, 128])
+def test_the_emptiest_pictures_are_read(kind: str, value: int):
+    """A large one of a single colour has as many pixels in a byte as there can be."""
+    picture = np.full((3000, 2000, 3), value, np.uint8)
+    content = cv2.imencode(".png", picture[..., 0], [cv2.IMWRITE_PNG_BILEVEL, 1, cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+    progressive = [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_QUALITY, 1, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+    frame = decode_frame((content if kind == "png" else cv2.imencode(".jpg", picture, progressive)[1]).tobytes())
+    assert frame is not None
+    assert frame.shape == picture.shape
 
 
 @given(content=CONTENTS, upright=st.booleans())
