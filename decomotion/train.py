@@ -55,7 +55,8 @@ def fit(
         config: the configuration; default: the `cpu` preset.
         steps: number of optimisation steps; default: the configuration's.
         time_budget: seconds that the whole call may take; the schedules are fitted to it, and a short one thins the
-            gaps at which flow is computed (`decomotion.data.prepare.affordable`). Excludes `steps`.
+            gaps at which flow is computed, and the points that are linked (`decomotion.data.prepare.affordable`).
+            Excludes `steps`.
         resume: continue the run in `out`, with its own configuration and seed, and its budget where none is given.
         rebuild_cache: prepare the supervision anew.
         seed: of everything random, the points that are prepared included (`decomotion.chance`).

@@ -50,6 +50,14 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def few_trials() -> Iterator[None]:
+    """What preparation will take is estimated by the fewest trials."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("decomotion.data.timing.SECONDS", 0.0)
+        yield
+
+
 @pytest.fixture(scope="session")
 def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sliding square as a folder of frames."""

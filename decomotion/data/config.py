@@ -10,12 +10,16 @@ from decomotion.data.flow.config import AnyFlowConfig
 from decomotion.data.links.config import FilterConfig, MatchingConfig, PoolConfig
 from decomotion.leaf import Leaf
 
+FIT_SHARE = 0.75
+"""Share of a fit's time that preparation should take at most."""
+
 
 class DataConfig(Leaf):
     """What is prepared from the clip before the fit."""
 
     prepare_budget: float = Field(gt=0)
-    """Seconds that preparation should take at most: decides at how many gaps flow is computed."""
+    """Seconds that preparation should take at most: decides at how many gaps flow is computed, and how many
+    points are linked; a clip that takes longer all the same is refused."""
     flow: AnyFlowConfig
     pool: PoolConfig
     matching: MatchingConfig

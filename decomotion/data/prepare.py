@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from decomotion.chance import generator
 from decomotion.clip import Clip
-from decomotion.data.config import DataConfig
+from decomotion.data.config import FIT_SHARE, DataConfig
 from decomotion.data.features import FeatureExtractor, build_features
 from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
@@ -26,10 +26,12 @@ from decomotion.data.links.filtering import Grid, build_filtered
 from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
+from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.folder import read_masks
 from decomotion.data.motion import build_motion
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
+from decomotion.data.timing import least_seconds
 from decomotion.errors import SupervisionError
 from decomotion.memory import give_back
 
@@ -39,9 +41,6 @@ PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
 VERSIONS = {"links": 9, "features": 1, "filter": 1, "motion": 3}
 """Raised for a stage whenever the same clip and settings would give another result."""
-
-FIT_SHARE = 0.75
-"""Share of a fit's time that preparation should take at most."""
 
 
 @dataclass(frozen=True)
@@ -104,15 +103,15 @@ def prepare_in_stages(
 def affordable(clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0, rebuild: bool = False) -> DataConfig:
     """`config` for a fit of so many seconds: with less of a budget where preparation would leave the fit too little.
 
-    Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt, and those
-    made with a longer budget than there would be serve as they are.
+    Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt, and where
+    some are there that were made with a longer budget than there would be, theirs is taken.
     """
     share = FIT_SHARE * seconds
     if share >= config.prepare_budget or (not rebuild and _Work(clip, config, seed).links.finished):
         return config
     shorter = config.model_copy(update={"prepare_budget": share})
     links = _Work(clip, shorter, seed, rebuild).links
-    return shorter.model_copy(update={"prepare_budget": links.settings["budget"] or share})
+    return shorter.model_copy(update={"prepare_budget": max(share, links.settings["budget"] or share)})
 
 
 class _Work:
@@ -216,15 +215,19 @@ class _Work:
             matching=config.matching.model_dump(mode="json"),
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
-        return asked if self.rebuild or asked.finished else self.made_with_more_time(asked) or asked
+        return asked if self.rebuild or asked.finished else self.no_worse(asked) or asked
 
-    def made_with_more_time(self, links: Stage) -> Stage | None:
-        """Of finished links that differ from `links` in nothing but a longer budget, those with the shortest."""
+    def no_worse(self, links: Stage) -> Stage | None:
+        """Of finished links that differ from `links` in nothing but the budget, the least that are no worse.
+
+        They were made with a longer budget, or are all that is wanted.
+        """
+        budget = links.settings["budget"]
         others = (Stage("links", settings, self.root) for settings in settings_of_finished("links", self.root))
         alike = [each for each in others if {**each.settings, "budget": None} == {**links.settings, "budget": None}]
-        longer = [each for each in alike if links.settings["budget"] is not None and each.finished]
-        longer = [each for each in longer if each.settings["budget"] >= links.settings["budget"]]
-        return min(longer, key=lambda each: each.settings["budget"], default=None)
+        alike = [each for each in alike if budget is not None and each.finished]
+        serving = [each for each in alike if each.settings["budget"] >= budget or not _thinned(each)]
+        return min(serving, key=lambda each: each.settings["budget"], default=None)
 
     @cached_property
     def features(self) -> Stage:
@@ -269,7 +272,16 @@ class _Work:
     def build_links(self, folder: Path) -> dict[str, Any]:
         random = generator(self.seed, "points")
         given = (self.tracks, self.estimator, self.progress, folder)
-        return build_links(self.clip, self.config, self.count, random, *given)
+        return build_links(self.clip, self.config, self.count, self.seconds_after_links, random, *given)
+
+    def seconds_after_links(self, points: int) -> float:
+        """What features and masks will take on this machine, about, by those of a frame with so many points."""
+        frames, extractor, seconds = self.clip.frames, self.extractor, 0.0
+        if extractor is not None:
+            seconds += least_seconds(lambda: extractor(frames[0]))
+        if self.config.masks == "auto":
+            seconds += seconds_a_frame(frames, points, generator(self.seed, "cost"))
+        return len(frames) * seconds
 
     def build_features(self, folder: Path) -> dict[str, Any]:
         points = np.load(self.links.folder / "points.npy")
@@ -294,6 +306,11 @@ class _Work:
             np.load(self.links.folder / f"{name}.npy", mmap_mode="r") for name in ("points", "targets", "confidence")
         )
         return np.asarray(points), PackedPositions(targets, self.longer_side), confidence
+
+
+def _thinned(links: Stage) -> bool:
+    """Whether finished links have fewer points or gaps than were wanted."""
+    return links.record(cached=True).facts.get("thinned", True)
 
 
 def file_digest(file: Path) -> str | None:

@@ -1,44 +1,96 @@
-"""What linking costs: counted hop by hop, and shared out."""
+"""What linking costs: counted hop by hop, measured on a piece of the clip, and shared out."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from decomotion.data.links import costs
-from decomotion.data.links.costs import affordable_points, hops, seconds_per_hop
-from decomotion.errors import SupervisionError
+from decomotion.clip import Clip
+from decomotion.data.links import costs, linking
+from decomotion.data.links.costs import HopCosts, affordable_points, hop_costs, hops
+from decomotion.data.links.refinement import Refiner
+from tiny_fit import FRAMES, HEIGHT, WIDTH, sliding_square
 
 
-@pytest.mark.parametrize(("frames", "max_gap"), [(2, 1000), (7, 1000), (7, 3), (30, 4)])
-def test_hops_are_those_of_all_linked_pairs(frames: int, max_gap: int):
-    pairs = sum(0 < abs(i - j) <= max_gap for i in range(frames) for j in range(frames))
-    assert hops(frames, 5, max_gap) == 5 * pairs
+@pytest.mark.parametrize(("frames", "gaps", "max_gap"), [(2, (1,), 9), (7, (1, 3), 9), (7, (1, 2), 3), (9, (4, 8), 9)])
+def test_hops_are_those_of_linking(
+    frames: int, gaps: tuple[int, ...], max_gap: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 5 points of each frame, linked both ways; linking asks for gap 1, too, where it is not among them."""
+    carried, hop = [], linking._hop
+
+    def counted(state: linking._State, *arguments: object) -> linking._State:
+        gap = arguments[2]
+        if gap in gaps:
+            carried.append(state.variance.size)
+        return hop(state, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(linking, "_hop", counted)
+    points, still = np.full((frames, 5, 2), 3, np.float32), np.zeros((6, 8, 2), np.float32)
+    for step in (1, -1):
+        for _ in linking.link(points, lambda *_: still, tuple({1, *gaps}), 1.0, max_gap, step):
+            pass
+    assert sum(carried) == 5 * hops(frames, gaps, max_gap)
 
 
-def test_points_are_thinned_to_the_time():
-    """9 frames, 2 gaps: 144 hops a point; a thousandth of a second each, 144 seconds for 1,000 points."""
-    wanted = {"frames": 9, "gaps": 2, "max_gap": 1000, "cost": 1e-3}
-    assert affordable_points(1000, seconds=145.0, **wanted) == 1000
-    assert affordable_points(1000, seconds=72.1, **wanted) == 500
-    assert affordable_points(1000, seconds=43.3, **wanted) == 300
+def test_flow_and_matches_have_their_own_costs() -> None:
+    """3 frames: over a gap of 1, two pairs of neighbours and one that is two apart, both ways; over a gap of 2, one."""
+    assert HopCosts(flow=1.0, match=10.0).of_a_point(3, (1, 2), (2,), 1000) == 6 + 2 + 20
 
 
-def test_few_points_are_linked_within_a_minute_and_refused_beyond():
-    """The least is 256 points: 37 seconds of such hops in 9 frames, 7 minutes in 30."""
-    wanted = {"gaps": 2, "max_gap": 1000, "cost": 1e-3}
-    assert affordable_points(1000, frames=9, seconds=1.0, **wanted) == 256
-    assert affordable_points(100, frames=9, seconds=1.0, **wanted) == 100  # where no more are wanted
-    sentence = "30 frames are too many for the time that there is: .* 256 points .* 7 minutes, and 45 seconds are left"
-    with pytest.raises(SupervisionError, match=sentence):
-        affordable_points(1000, frames=30, seconds=45.0, **wanted)
+def test_points_are_thinned_to_the_time() -> None:
+    assert affordable_points(1000, each=0.1, seconds=101.0) == 1000
+    assert affordable_points(1000, each=0.1, seconds=50.05) == 500
+    assert affordable_points(1000, each=0.1, seconds=-5.0) == 256
+    assert affordable_points(100, each=0.1, seconds=1.0) == 100  # where no more are wanted
 
 
-def test_the_cost_is_measured_and_that_of_one_hop_of_one_point(monkeypatch: pytest.MonkeyPatch):
-    """A trial of 12 frames, 3 gaps and 2,048 points that takes 2 seconds, and one that takes 3."""
-    ticks = iter([0.0, 2.0, 10.0, 13.0])
-    monkeypatch.setattr(costs.time, "perf_counter", lambda: next(ticks))
-    assert seconds_per_hop(36, 48) == pytest.approx(2 / (2048 * 3 * 12 * 11))
-    monkeypatch.undo()
-    assert 0 < seconds_per_hop(36, 48) < 1e-4
-    assert np.isfinite(seconds_per_hop(5, 3))
+@pytest.mark.parametrize("points", [100, 10**6])
+def test_the_cost_is_that_of_one_hop_of_one_point(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 frames linked by flow in 3 seconds, and by matches, too, in 7; so many points as the clip has, or a block."""
+    linked, seconds = [], iter([3.0, 7.0])
+
+    def least_seconds(task: Callable[[], object]) -> float:
+        task()
+        return next(seconds)
+
+    def link(where: np.ndarray, *_: object) -> tuple[()]:
+        linked.append(where.shape)
+        return ()
+
+    monkeypatch.setattr(costs, "least_seconds", least_seconds)
+    monkeypatch.setattr(costs, "link", link)
+    cost = hop_costs(sliding_square(), (WIDTH, HEIGHT), points)
+    block = min(points * FRAMES, 250_000) // 6
+    assert set(linked) == {(6, block, 2)}
+    assert cost.flow == pytest.approx(3 / (block * (30 + 20)))  # gaps 1 and 2
+    assert cost.match == pytest.approx(4 / (block * (20 + 12)))  # gaps 2 and 3
+
+
+def test_a_trial_loses_points_and_finds_some_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In clips of several hundred frames three of a hundred hops by matches are registered."""
+    registered, carried = [], []
+    refine, hop = Refiner.__call__, linking._match_hop
+
+    def counted(self: Refiner, first: int, second: int, xy: np.ndarray, *rest: object) -> np.ndarray:
+        registered.append(len(xy))
+        return refine(self, first, second, xy, *rest)  # type: ignore[arg-type]
+
+    def counted_hop(state: linking._State, *rest: object) -> linking._State:
+        carried.append(state.variance.size)
+        return hop(state, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Refiner, "__call__", counted)
+    monkeypatch.setattr(linking, "_match_hop", counted_hop)
+    hop_costs(sliding_square(), (WIDTH, HEIGHT), 400)
+    assert 0.01 < sum(registered) / sum(carried) < 0.06
+
+
+@pytest.mark.parametrize("frames", [2, 3])
+def test_of_clips_of_few_frames(frames: int) -> None:
+    clip = Clip("few", np.zeros((frames, 5, 3, 3), np.uint8))
+    cost = hop_costs(clip, (3, 5), 16)
+    assert cost.flow > 0
+    assert cost.match >= 0

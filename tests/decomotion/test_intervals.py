@@ -6,7 +6,7 @@ import pytest
 
 from decomotion.config import load
 from decomotion.data.flow.config import FlowConfig
-from decomotion.data.links.intervals import FLOW_SHARE, choose_intervals, count_fields, pairs_of
+from decomotion.data.links.intervals import choose_intervals, count_fields, pairs_of
 
 
 def flow(intervals: object = "geometric", longest: int = 16) -> FlowConfig:
@@ -15,7 +15,7 @@ def flow(intervals: object = "geometric", longest: int = 16) -> FlowConfig:
 
 def chosen(config: FlowConfig, frames: int, affordable: float, max_gap: int = 1000) -> tuple[int, ...]:
     """With a budget for so many fields."""
-    return choose_intervals(config, frames, max_gap, seconds_per_field=0.5, budget=0.5 * affordable / FLOW_SHARE)
+    return choose_intervals(config, frames, max_gap, lambda gaps: count_fields(gaps, frames) <= affordable)
 
 
 def test_geometric_where_there_is_time():

@@ -20,6 +20,7 @@ from decomotion.data import prepare as preparation
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
+from decomotion.data.links import budget, costs
 from decomotion.data.links import stage as links_stage
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
@@ -219,6 +220,11 @@ class TestCache:
         monkeypatch.setattr(Stage, "run", counted)
         return names
 
+    @pytest.fixture
+    def few(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """There is time for all points but one."""
+        monkeypatch.setattr(budget.costs, "affordable_points", lambda wanted, *_: wanted - 1)
+
     def test_built_once(self, builds: list[str], clip: Clip):
         first = prepare(clip, config(), progress=False)
         again = prepare(dataclasses.replace(clip, name="renamed", times=2 * clip.times), config(), progress=False)
@@ -334,7 +340,18 @@ class TestCache:
         np.testing.assert_array_equal(again.targets[...], whole.targets[...])
         np.testing.assert_array_equal(again.confidence, whole.confidence)
 
-    def test_another_budget_may_give_other_gaps(self, builds: list[str], clip: Clip):
+    def test_links_that_are_all_that_is_wanted_serve_a_longer_budget(self, builds: list[str], clip: Clip):
+        settings = config("data.features=none", "data.flow.intervals=geometric")
+        prepare(clip, settings, progress=False)
+        builds.clear()
+        longer = settings.model_copy(update={"prepare_budget": 1000.0})
+        prepare(clip, longer, progress=False)
+        assert builds == []
+        assert affordable(clip, longer, 800.0).prepare_budget == 1000.0
+        prepare(clip, longer, rebuild=True, progress=False)
+        assert builds == ["links", "features", "motion"]
+
+    def test_a_longer_budget_may_give_more(self, builds: list[str], clip: Clip, few: None):
         settings = config("data.features=none", "data.flow.intervals=geometric")
         prepare(clip, settings, progress=False)
         builds.clear()
@@ -349,7 +366,7 @@ class TestCache:
         assert affordable(clip, settings, 100.0) is settings
         assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 75.0
 
-    def test_finished_links_of_a_longer_budget_serve_a_shorter_one(self, builds: list[str], clip: Clip):
+    def test_finished_links_of_a_longer_budget_serve_a_shorter_one(self, builds: list[str], clip: Clip, few: None):
         settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
 
         def prepared(budget: float, **changes: Any) -> DataConfig:
@@ -372,14 +389,7 @@ class TestCache:
     ):
         """And an interrupted preparation goes on with them, however fast the machine is by then."""
         settings = config("data.features=none", "data.flow.intervals=geometric", "data.pool.points_per_frame=500")
-        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e-3)
-        asked = []
-
-        def affordable_points(wanted: int, frames: int, gaps: int, *rest: Any) -> int:
-            asked.append((wanted, frames, gaps))
-            return 260
-
-        monkeypatch.setattr(links_stage.costs, "affordable_points", affordable_points)
+        monkeypatch.setattr(budget.costs, "affordable_points", lambda *_: 260)
 
         def killed(*_: Any) -> Any:
             raise KeyboardInterrupt
@@ -388,24 +398,29 @@ class TestCache:
             patch.setattr(links_stage.linking, "link", killed)
             with pytest.raises(KeyboardInterrupt):
                 prepare(clip, settings, progress=False)
-        assert asked == [(500, FRAMES, 1), (500, FRAMES, 3)]  # at first with flow's least gap alone, then 1 2 4
-        assert "260 of 500 points a frame are linked" in caplog.text
-        monkeypatch.setattr(links_stage.costs, "affordable_points", killed)
+        assert "260 of 500 points a frame are linked, by flow at gaps 1 2 4 of 1 2 4" in caplog.text
+        for measured in ("hop_costs", "affordable_points"):
+            monkeypatch.setattr(budget.costs, measured, killed)
         prepared = preparation.prepare_in_stages(clip, settings, progress=False)
         assert prepared.grid == (13, 20)
         assert prepared.pool.num_points == 260
 
     def test_a_list_of_gaps_is_linked_whole(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
-        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e6)
+        monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: pytest.fail("measured"))
         assert prepare(clip, config("data.features=none"), progress=False).num_points == 260
 
+    @pytest.mark.parametrize("masks", ["auto", "none"])
     def test_too_many_frames_for_the_time_are_refused_at_once(
-        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
     ):
-        monkeypatch.setattr(links_stage.costs, "seconds_per_hop", lambda *_: 1e-1)
+        """8 frames, of which each has features in 5 seconds and masks in 10."""
+        monkeypatch.setattr(preparation, "least_seconds", lambda _: 5.0)
+        monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 10.0)
+        monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
-        settings = config("data.features=none", "data.flow.intervals=geometric")
-        with pytest.raises(SupervisionError, match="8 frames are too many for the time that there is"):
+        settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
+        sentence = f"8 frames are too many for the time that there is: .* masks {120 if masks == 'auto' else 40}\\)"
+        with pytest.raises(SupervisionError, match=sentence):
             prepare(clip, settings, progress=False)
 
     def test_a_run_killed_in_its_trials_measures_them_anew(
@@ -417,7 +432,7 @@ class TestCache:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(links_stage, "choose_intervals", killed)
+            patch.setattr(budget, "choose_intervals", killed)
             with pytest.raises(KeyboardInterrupt):
                 prepare(clip, settings, progress=False)
         assert list(preparation.cache_root().glob("*/.links-*.partial/flow/*.npy"))
@@ -429,29 +444,37 @@ class TestCache:
             return estimate(self, first, second, pair, start)
 
         monkeypatch.setattr(DisFlow, "__call__", counted)
+        monkeypatch.setattr(links_stage, "check_time", lambda *_: None)
         prepare(clip, settings, progress=False)
         assert (0, 1) in called
 
-    def test_what_is_left_after_matching_is_the_budget(
-        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
-    ):
-        asked = []
-
-        def gaps(*arguments: Any) -> tuple[int, ...]:
-            asked.append(arguments[-1])
-            return (1,)
+    def test_the_budget_is_what_others_leave(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
+        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8."""
+        left, clock = [], [0.0]
 
         class Slow(MatchStore):
             def compute(self, progress: bool) -> None:
                 super().compute(progress)
                 clock[0] += 100.0
 
-        clock = [0.0]
-        monkeypatch.setattr(links_stage, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+        def measured(*_: object) -> costs.HopCosts:
+            clock[0] += 5.0
+            return costs.HopCosts(1e-9, 1e-9)
+
+        def points(wanted: int, of: object, seconds: float) -> int:
+            left.append(seconds)
+            return wanted
+
+        for module in (links_stage, budget):
+            monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
         monkeypatch.setattr(links_stage, "MatchStore", Slow)
-        monkeypatch.setattr(links_stage, "choose_intervals", gaps)
-        prepare(clip, config("data.features=none", "data.prepare_budget=180"), progress=False)
-        assert asked == [80.0]
+        monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 1.0)
+        monkeypatch.setattr(budget.costs, "hop_costs", measured)
+        monkeypatch.setattr(budget.costs, "affordable_points", points)
+        settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
+        links = prepare_in_stages(clip, settings, progress=False).stages[0]
+        assert left == [67.0]
+        assert links.seconds == {"estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
     def test_links_go_on_after_the_part_that_was_done(

@@ -1,66 +1,78 @@
-"""What linking costs on this machine, and how many points are affordable."""
+"""What linking costs on this machine, and how many points are affordable.
+
+A point is carried from frame to frame by flow, and found again by matches where flow is lost: a hop of each kind has
+its own cost. Both are measured on a few frames of the clip, with as many points at a time as there will be.
+"""
 
 from __future__ import annotations
 
-import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from decomotion.data.links.linking import link
-from decomotion.errors import SupervisionError
+from decomotion.clip import Clip
+from decomotion.data.flow.interface import Size
+from decomotion.data.links.linking import Rematching, link
+from decomotion.data.links.matching import Matches
+from decomotion.data.links.refinement import Refiner
+from decomotion.data.timing import least_seconds
 
-TRIALS = 2
-FRAMES, POINTS, GAPS = 12, 2048, (1, 2, 4)
-"""Of a trial."""
-LINK_SHARE = 0.3
-"""Share of the time for preparation that linking may take at least, however much flow has taken."""
-REST_SHARE = 0.15
-"""Share of it that is left for features and masks."""
+FRAMES, GAPS, MATCHED = 6, (1, 2), (2, 3)
+"""Of a trial of linking: frames, gaps of flow, gaps of matches."""
+BLOCK = 250_000
+"""Points of all frames together in a trial: more than a processor's cache holds, as in long clips."""
+LOST, TRUSTED = 0.5, 0.1
+"""In a trial: share of the points that flow loses, and of the matches that are trusted, as in clips of many frames."""
 MIN_POINTS = 256
 """Points a frame below which a pool is of no use."""
-PATIENCE = 60.0
-"""Seconds that linking may take in any case: only longer work is refused."""
 
 
-def seconds_per_hop(height: int, width: int) -> float:
-    """Wall time in which a point is carried over one gap, on flows of that raster: the least of some trials."""
+@dataclass(frozen=True)
+class HopCosts:
+    """Seconds in which one point is carried over one gap."""
+
+    flow: float
+    match: float
+
+    def of_a_point(self, frames: int, gaps: tuple[int, ...], matched: tuple[int, ...], max_gap: int) -> float:
+        """Seconds in which one point of every frame is linked to every other, by flow over `gaps` and by matches."""
+        return self.flow * hops(frames, gaps, max_gap) + self.match * hops(frames, matched, max_gap)
+
+
+def hop_costs(clip: Clip, raster: Size, points: int) -> HopCosts:
+    """Measured on some frames of `clip` with fields of that width and height, and at most so many points a frame."""
+    piece = replace(clip, frames=clip.frames[:FRAMES], times=clip.times[:FRAMES])
+    frames = len(piece)
+    width, height = raster
     still = np.zeros((height, width, 2), np.float32)
-    diagonal = np.linspace(0, 1, POINTS, dtype=np.float32)[:, None] * np.array([width - 1, height - 1], np.float32)
-    points = np.repeat(diagonal[None], FRAMES, axis=0)
-    seconds = []
-    for _ in range(TRIALS):
-        begin = time.perf_counter()
+    astray = still.copy()
+    astray[: max(1, round(LOST * height))] = height / 4  # and does not return
+    block = max(1, min(BLOCK, points * len(clip)) // frames)
+    across = np.linspace(0, 1, block, dtype=np.float32)
+    one_frame = np.stack([across * 997 % 1 * (width - 1), across * (height - 1)], axis=-1).astype(np.float32)
+    where = np.repeat(one_frame[None], frames, axis=0)
+    rows, columns = height // 2 + 1, width // 2 + 1
+    trusted = np.arange(rows * columns).reshape(rows, columns) % round(1 / TRUSTED) == 0
+    cells = Matches(np.zeros((rows, columns, 2), np.float32), trusted)
+    found = Rematching(lambda *_: cells, MATCHED, Refiner(piece))
+
+    def linked(rematching: Rematching | None) -> None:
         for step in (1, -1):
-            for _ in link(points, lambda *_: still, GAPS, cycle_threshold=1.0, max_gap=FRAMES, step=step):
+            for _ in link(where, lambda i, j: astray if i < j else still, GAPS, 1.0, frames, step, rematching):
                 pass
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds) / (POINTS * hops(FRAMES, len(GAPS), FRAMES))
+
+    by_flow = least_seconds(lambda: linked(None))
+    by_both = least_seconds(lambda: linked(found))
+    of_flow, of_matches = (block * max(1, hops(frames, gaps, frames)) for gaps in (GAPS, MATCHED))
+    return HopCosts(by_flow / of_flow, max(0.0, by_both - by_flow) / of_matches)
 
 
-def hops(frames: int, gaps: int, max_gap: int) -> int:
-    """How often each of a frame's points is carried, over all frames and in both directions of time."""
-    pairs = sum(2 * (frames - gap) for gap in range(1, min(frames - 1, max_gap) + 1))
-    return pairs * gaps
+def hops(frames: int, gaps: tuple[int, ...], max_gap: int) -> int:
+    """How often a point of each frame is carried over one of `gaps`, over all frames and in both directions of time."""
+    return sum(2 * (frames - away) for gap in gaps for away in range(gap, min(frames - 1, max_gap) + 1))
 
 
-def affordable_points(wanted: int, frames: int, gaps: int, max_gap: int, cost: float, seconds: float) -> int:
-    """Points of each frame whose links take at most so many seconds, `wanted` at most.
-
-    Raises `SupervisionError` where not even `MIN_POINTS` can be linked in that time, nor in `PATIENCE`.
-
-    Args:
-        wanted: points of each frame.
-        frames: of the clip.
-        gaps: flow's and matches' gaps, over which points are carried.
-        max_gap: longest gap that is linked.
-        cost: seconds of carrying a point over one gap.
-        seconds: for linking.
-    """
-    each = cost * hops(frames, gaps, max_gap)
-    if min(wanted, MIN_POINTS) * each > max(seconds, PATIENCE):
-        raise SupervisionError(
-            f"{frames} frames are too many for the time that there is: to link {MIN_POINTS} points a frame, the least, "
-            f"takes about {MIN_POINTS * each / 60:.0f} minutes, and {seconds:.0f} seconds are left for it; give a "
-            "longer --time-budget or --prepare-budget, or fit a part, CLIP@A:B"
-        )
+def affordable_points(wanted: int, each: float, seconds: float) -> int:
+    """Points of each frame whose links take so many seconds, where one's take `each`: not uselessly few, nor more than
+    `wanted`."""
     return int(max(min(wanted, MIN_POINTS), min(wanted, seconds / each)))

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -31,6 +32,7 @@ from decomotion.data.links.linking import cycle_error
 from decomotion.data.links.matching import Matches, MatchStore
 from decomotion.data.links.pair_files import Couple, PairFiles
 from decomotion.data.sampling import bilinear
+from decomotion.data.timing import least_seconds
 from decomotion.images import filled
 from decomotion.units import unit
 
@@ -76,6 +78,13 @@ class FlowStore:
                 for _ in _each(partial(self._make, shorter=shorter), missing[gap], self.estimator.concurrent):
                     bar.update(2)
         return total
+
+    def seconds(self, fields: int) -> float:
+        """What so many will take on this machine, about: by the time of the first."""
+        first, second = self.clip.frames[:2]
+        with _one_thread_each(self.estimator.concurrent):
+            each = least_seconds(lambda: self.estimator(first, second, (0, 1)))
+        return fields * each * (1 + self.estimator.guided) / at_once(self.estimator)
 
     def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
@@ -158,14 +167,25 @@ def threads() -> int:
     return min(cores, torch.get_num_threads())
 
 
+def at_once(estimator: FlowEstimator) -> int:
+    """How many fields are made at a time."""
+    return threads() if estimator.concurrent else 1
+
+
 def _each(task: Callable[[Couple], None], couples: Iterable[Couple], concurrent: bool) -> Iterator[None]:
     if not concurrent:
         yield from map(task, couples)
         return
+    with _one_thread_each(concurrent), ThreadPoolExecutor(threads()) as pool:
+        yield from pool.map(task, couples)
+
+
+@contextmanager
+def _one_thread_each(concurrent: bool) -> Iterator[None]:
+    """One couple a thread is faster than every thread on one."""
     former = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # one couple a thread is faster than every thread on one
+    cv2.setNumThreads(1 if concurrent else former)
     try:
-        with ThreadPoolExecutor(threads()) as pool:
-            yield from pool.map(task, couples)
+        yield
     finally:
         cv2.setNumThreads(former)

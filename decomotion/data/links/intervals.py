@@ -1,15 +1,14 @@
-"""The schedule of intervals: at which frame gaps flow is computed, given what a field costs."""
+"""The schedule of intervals: at which frame gaps flow is computed, given what there is time for."""
 
 from __future__ import annotations
 
-from decomotion.data.flow.config import FlowConfig
+from collections.abc import Callable
 
-FLOW_SHARE = 0.6
-"""Share of the time for preparation that flow may take; linking, features and masks have the rest."""
+from decomotion.data.flow.config import FlowConfig
 
 
 def choose_intervals(
-    config: FlowConfig, frames: int, max_gap: int, seconds_per_field: float, budget: float
+    config: FlowConfig, frames: int, max_gap: int, affordable: Callable[[tuple[int, ...]], bool]
 ) -> tuple[int, ...]:
     """Gaps for direct flow, ascending, 1 among them.
 
@@ -20,21 +19,19 @@ def choose_intervals(
         config: which gaps are wanted.
         frames: frames of the clip; gaps that it does not have are left out.
         max_gap: longest gap that is linked at all.
-        seconds_per_field: wall time of one field, as measured.
-        budget: seconds for the preparation from here on, of which flow gets `FLOW_SHARE`.
+        affordable: whether there is time for flow at these gaps.
     """
     longest = min(frames - 1, max_gap)
     if not isinstance(config.intervals, str):
         return tuple(sorted({gap for gap in config.intervals if gap <= longest}))
-    affordable = FLOW_SHARE * budget / seconds_per_field
     if config.intervals == "all":
         every = tuple(range(1, longest + 1))
-        if count_fields(every, frames) <= affordable:
+        if affordable(every):
             return every
     gaps = [1]
     while 2 * gaps[-1] <= min(longest, config.longest_interval):
         gaps.append(2 * gaps[-1])
-    while len(gaps) > 1 and count_fields(tuple(gaps), frames) > affordable:
+    while len(gaps) > 1 and not affordable(tuple(gaps)):
         gaps = thinned(gaps)
     return tuple(gaps)
 

@@ -28,7 +28,8 @@ from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
 from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.intervals import couples_of
-from decomotion.data.links.pair_files import PairFiles
+from decomotion.data.links.pair_files import Couple, PairFiles
+from decomotion.data.timing import least_seconds
 
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
@@ -86,8 +87,7 @@ class MatchStore:
     def compute(self, progress: bool) -> None:
         """Makes the matches that are not there yet."""
         self._files.folder.mkdir(exist_ok=True)
-        couples = [couple for gap in self.gaps for couple in couples_of(gap, len(self._clip))]
-        missing = [couple for couple in couples if not self._files.have(couple)]
+        missing = self._missing()
         if not missing:
             return
         maps = describe(self._clip, progress)
@@ -95,6 +95,21 @@ class MatchStore:
             forward, backward = self._both_ways(maps[first].float(), maps[second].float())
             for way, matches in (((first, second), forward), ((second, first), backward)):
                 self._files.write(*way, np.dstack([matches.displacement, matches.trusted]).astype(np.float32))
+
+    def seconds(self) -> float:
+        """What `compute` will take on this machine, about: by the time of one frame and of one pair."""
+        missing = self._missing()
+        if not missing:
+            return 0.0
+        sift, frame = DenseSift(), self._clip.frames[0]
+        rows, columns = _describe(frame, sift).shape[:2]
+        anything = torch.cos(torch.arange(rows * columns * CHANNELS).float()).reshape(rows, columns, CHANNELS)
+        described = least_seconds(lambda: _describe(frame, sift))
+        return len(self._clip) * described + len(missing) * least_seconds(lambda: self._both_ways(anything, anything))
+
+    def _missing(self) -> list[Couple]:
+        couples = [couple for gap in self.gaps for couple in couples_of(gap, len(self._clip))]
+        return [couple for couple in couples if not self._files.have(couple)]
 
     def __call__(self, first: int, second: int) -> Matches:
         """From frame `first` to frame `second`."""

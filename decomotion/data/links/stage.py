@@ -5,10 +5,9 @@ The flows lie in `flow/` of the partial stage, and are removed when the links ar
 
 from __future__ import annotations
 
-import json
-import logging
 import shutil
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,10 @@ from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
-from decomotion.data.flow.interface import kept
-from decomotion.data.links import costs, linking
-from decomotion.data.links.flow_store import FlowStore, threads
-from decomotion.data.links.intervals import choose_intervals, count_fields, pairs_of
+from decomotion.data.links import linking
+from decomotion.data.links.budget import check_time, scheduled
+from decomotion.data.links.flow_store import FlowStore
+from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
@@ -32,8 +31,6 @@ from decomotion.data.pool import grid_shape, jittered_grid, pack
 from decomotion.data.sampling import bilinear
 from decomotion.data.stages import write_whole
 from decomotion.memory import give_back
-
-log = logging.getLogger(__name__)
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -43,14 +40,13 @@ LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
 """Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
-TRIALS = 3
-"""Of what a flow costs."""
 
 
 def build_links(
     clip: Clip,
     config: DataConfig,
     wanted: int,
+    seconds_after: Callable[[int], float],
     random: np.random.Generator,
     tracks: UserTracks | None,
     estimator: FlowEstimator,
@@ -60,17 +56,23 @@ def build_links(
     """Fills the stage's folder with points, rgb, targets and confidence; returns its facts.
 
     About `wanted` points of each frame are linked by flow, or as many as there is time for, on a grid that `random`
-    jitters; those of `tracks` come after them.
+    jitters; those of `tracks` come after them. `seconds_after(points)` is what preparation will take afterwards.
+
+    Raises `SupervisionError` where there is too little time, before any long work; gaps that are a list have any.
     """
     begin = time.monotonic()
-    check_time(clip, config, wanted, folder)
     matches = MatchStore(clip, config.matching, folder / "matches", neighbours=estimator.guided)
+    flows = FlowStore(clip, estimator, matches, folder / "flow")
+    after, hop = 0.0, None
+    if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
+        hop = check_time(clip, config, flows, wanted, seconds_after)
+        after = seconds_after(wanted)
+    estimated = time.monotonic()
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
-    flows = FlowStore(clip, estimator, matches, folder / "flow")
-    budget = config.prepare_budget - (matched - begin)
-    schedule = scheduled(clip, config, flows, wanted, budget, folder / SCHEDULE)
+    left = config.prepare_budget - (matched - begin) - after
+    schedule = scheduled(clip, config, flows, wanted, hop, left, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
@@ -109,57 +111,12 @@ def build_links(
         "grid": grid_shape(clip.height, clip.width, schedule["points"]),
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
         "seconds": {
-            "matches": matched - begin,
+            "estimate": estimated - begin,
+            "matches": matched - estimated,
             "flow": computed - matched,
             "links": time.monotonic() - computed,
         },
     }
-
-
-def check_time(clip: Clip, config: DataConfig, wanted: int, folder: Path) -> None:
-    """Raises `SupervisionError` where there is no time to link even a few points, before any long work."""
-    if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
-        gaps = 1 + sum(gap < len(clip) for gap in config.matching.intervals)
-        _affordable(clip, config, wanted, gaps, config.prepare_budget)
-
-
-def _affordable(clip: Clip, config: DataConfig, wanted: int, gaps: int, seconds: float) -> int:
-    cost = costs.seconds_per_hop(*kept(clip.height, clip.width, config.flow.field_side)[::-1])
-    return costs.affordable_points(wanted, len(clip), gaps, config.pool.max_gap, cost, seconds)
-
-
-def scheduled(
-    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, budget: float, file: Path
-) -> dict[str, Any]:
-    """The gaps at which flow is computed, what a flow costs, and how many points of each frame are linked.
-
-    From `file` where an earlier run has chosen already. The cost is the wall time of a flow, the least of three trials
-    on the first few, which are kept: other work on the machine makes trials dearer, never cheaper. Only `geometric` and
-    `all` depend on it, and on `budget`, the seconds that are left for the preparation; so do the points then, of which
-    there are at most `wanted`.
-    """
-    if file.is_file():
-        return json.loads(file.read_text(encoding="utf-8"))
-    shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
-    at_once = threads() if flows.estimator.concurrent else 1
-    trials = []
-    for trial in range(TRIALS):
-        begin = time.monotonic()
-        made = flows.compute((1,), progress=False, only=slice(trial * at_once, (trial + 1) * at_once))
-        trials += [(time.monotonic() - begin) / made] if made else []
-    cost = min(trials)
-    intervals = choose_intervals(config.flow, len(clip), config.pool.max_gap, cost, budget)
-    points = wanted
-    if isinstance(config.flow.intervals, str):
-        share = costs.LINK_SHARE * config.prepare_budget
-        left = budget - cost * count_fields(intervals, len(clip)) - costs.REST_SHARE * config.prepare_budget
-        points = _affordable(clip, config, wanted, len(intervals) + len(flows.matches.intervals), max(share, left))
-    if points < wanted:
-        what = "%d of %d points a frame are linked: for all of them give a longer --time-budget or --prepare-budget"
-        log.warning(what, points, wanted)
-    chosen = {"intervals": list(intervals), "seconds_per_field": cost, "points": points}
-    write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
-    return chosen
 
 
 def parts_done(folder: Path) -> int:

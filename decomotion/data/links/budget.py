@@ -1,0 +1,119 @@
+"""The budget of linking: at which gaps flow is computed, and how many points are linked, in the time there is.
+
+What preparation takes at the least is estimated before any long work, and a clip that is too long for its time is
+refused. Flow then has its share of the time, or what linking all points leaves; and points are thinned until linking
+fits into the rest.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from decomotion.clip import Clip
+from decomotion.data.config import FIT_SHARE, DataConfig
+from decomotion.data.flow.interface import kept
+from decomotion.data.links import costs
+from decomotion.data.links.flow_store import FlowStore, at_once
+from decomotion.data.links.intervals import choose_intervals, count_fields
+from decomotion.data.stages import write_whole
+from decomotion.errors import SupervisionError
+
+log = logging.getLogger(__name__)
+
+TRIALS = 3
+"""Of what a flow costs."""
+FLOW_SHARE = 0.6
+"""Share of the time for flow and linking that flow may take where there is not enough for all points."""
+PATIENCE = 60.0
+"""Seconds that preparation may take in any case: only longer work is refused."""
+
+
+def check_time(
+    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, after: Callable[[int], float]
+) -> costs.HopCosts:
+    """What carrying points costs.
+
+    Raises `SupervisionError` where preparation takes longer than its budget even with flow between neighbours alone
+    and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted. What follows the links takes `after(points)`.
+    """
+    frames, points = len(clip), min(wanted, costs.MIN_POINTS)
+    hop = costs.hop_costs(clip, kept(clip.height, clip.width, config.flow.field_side), wanted)
+    parts = {
+        "matching": flows.matches.seconds(),
+        "flow between neighbours": flows.seconds(count_fields((1,), frames)),
+        f"links of {points} points a frame": points
+        * hop.of_a_point(frames, (1,), flows.matches.intervals, config.pool.max_gap),
+        "features and masks": after(points),
+    }
+    least = math.ceil(sum(parts.values()))
+    if least > max(config.prepare_budget, PATIENCE):
+        what = ", ".join(f"{part} {seconds:.0f}" for part, seconds in parts.items())
+        raise SupervisionError(
+            f"{frames} frames are too many for the time that there is: to prepare them takes at least {least} seconds "
+            f"({what}), and there are {config.prepare_budget:g}; give --prepare-budget {least}s or longer, to "
+            f"decomo-train also --time-budget {math.ceil(least / FIT_SHARE)}s or longer, or a part, CLIP@A:B"
+        )
+    return hop
+
+
+def scheduled(
+    clip: Clip,
+    config: DataConfig,
+    flows: FlowStore,
+    wanted: int,
+    hop: costs.HopCosts | None,
+    seconds: float,
+    file: Path,
+) -> dict[str, Any]:
+    """The gaps at which flow is computed, what a flow costs, and how many points of each frame are linked.
+
+    From `file` where an earlier run has chosen already. The cost is the wall time of a flow, the least of three trials
+    on the first few, which are kept: other work on the machine makes trials dearer, never cheaper. `hop` is what
+    carrying points costs, and `seconds` are left for flow and linking: gaps `geometric` and `all` depend on them, and
+    so do the points then, of which there are at most `wanted`.
+    """
+    if file.is_file():
+        return json.loads(file.read_text(encoding="utf-8"))
+    shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
+    together = at_once(flows.estimator)
+    trials = []
+    for trial in range(TRIALS):
+        begin = time.monotonic()
+        made = flows.compute((1,), progress=False, only=slice(trial * together, (trial + 1) * together))
+        trials += [(time.monotonic() - begin) / made] if made else []
+    cost = min(trials)
+    frames, max_gap = len(clip), config.pool.max_gap
+
+    def flow(gaps: tuple[int, ...]) -> float:
+        return cost * count_fields(gaps, frames)
+
+    def each(gaps: tuple[int, ...]) -> float:
+        return 0.0 if hop is None else hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
+
+    def affordable(gaps: tuple[int, ...]) -> bool:
+        return flow(gaps) <= max(FLOW_SHARE * seconds, seconds - wanted * each(gaps))
+
+    intervals, all_of_them = (
+        choose_intervals(config.flow, frames, max_gap, there_is_time) for there_is_time in (affordable, lambda _: True)
+    )
+    points = wanted
+    if hop is not None:
+        points = costs.affordable_points(wanted, each(intervals), seconds - flow(intervals))
+    thinned = points < wanted or intervals != all_of_them
+    if thinned:
+        what = "%d of %d points a frame are linked, by flow at gaps %s of %s: for all, a longer --prepare-budget or"
+        log.warning(f"{what} --time-budget", points, wanted, _listed(intervals), _listed(all_of_them))
+    chosen = {"intervals": list(intervals), "seconds_per_field": cost, "points": points, "thinned": thinned}
+    write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
+    return chosen
+
+
+def _listed(gaps: tuple[int, ...]) -> str:
+    return " ".join(map(str, gaps))
