@@ -35,6 +35,7 @@ GROUND_FLOOR = [
     "decomotion.pseudo_depth",
     "decomotion.times",
     "decomotion.units",
+    "decomotion.windows",
 ]
 """What every package may use of the trainer's: small modules without torch."""
 

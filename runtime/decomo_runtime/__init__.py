@@ -25,9 +25,10 @@ if TYPE_CHECKING:
         ViewError,
     )
     from decomo_runtime.layers import render
+    from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
-    from decomo_runtime.tracker import Appearance, Dense, Tracker
+    from decomo_runtime.tracker import Dense, Tracker
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
@@ -49,7 +50,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Appearance": "tracker",
+    "Appearance": "model",
     "Dense": "tracker",
     "ModelFacts": "model_file",
     "Tracker": "tracker",

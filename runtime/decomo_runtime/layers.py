@@ -23,8 +23,9 @@ from decomo_runtime.errors import RenderError
 from decomo_runtime.queries import check_frames
 
 if TYPE_CHECKING:
+    from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
-    from decomo_runtime.tracker import Appearance, Tracker
+    from decomo_runtime.tracker import Tracker
 
 Image = npt.NDArray[np.uint8]
 

@@ -1,4 +1,4 @@
-"""The tracker: one exported model, asked where points go and what they look like.
+"""The tracker: the exported model of a clip, asked where points go and what they look like.
 
 No state between calls and no global settings: a `Tracker` may be shared by threads, and pickled for worker processes,
 which open the file again. The answer for one query does not depend on the others, nor on how the call is chunked.
@@ -9,17 +9,18 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime import contract
-from decomo_runtime.chunks import frame_chunks, query_chunks
-from decomo_runtime.model_file import Providers, open_session, read_facts
+from decomo_runtime.chunks import query_chunks
+from decomo_runtime.model import Appearance, Model
+from decomo_runtime.model_file import Providers
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
+from decomo_runtime.windows import WindowModels
 from decomotion.times import steady_times
 
 
@@ -35,24 +36,10 @@ class Dense:
     """[H, W], score from 0 (surely in sight) to 1 (surely hidden)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Appearance:
-    """What the model sees along the rays of N queries; colours are RGB in [0, 1], all arrays float32."""
-
-    rgb: npt.NDArray[np.float32]
-    """[N, 3], both volumes fused; the next two are the static and the dynamic volume alone, as if they were opaque."""
-    rgb_static: npt.NDArray[np.float32]
-    rgb_dynamic: npt.NDArray[np.float32]
-    static_confidence: npt.NDArray[np.float32]
-    """[N], static share of the ray: 0 on what moves by itself, 1 on the scene and of a ray that meets nothing."""
-    depth: npt.NDArray[np.float32]
-    """[N], pseudo-depth from 0 (near) to 2 (far)."""
-    static_opacity: npt.NDArray[np.float32]
-    """[N], 0 where the static volume has a hole: it has never seen the scene there. 1 in files that do not say."""
-
-
 class Tracker:
-    """Opens the .onnx file at `path`; `ModelFileError` where it is not a model that this version reads.
+    """Opens the .onnx file at `path`, or the folder of a long clip's windows (`windows.py`).
+
+    `ModelFileError` where it is not a model that this version reads.
 
     `providers` are onnxruntime's execution providers in order of preference, or the name of one (default: the CPU);
     `threads` is the number of threads within one operator (default: onnxruntime's choice, one for each core).
@@ -63,9 +50,8 @@ class Tracker:
     ) -> None:
         self.path = Path(path)
         self._opened_with = (Path(path).absolute(), providers, threads)
-        self._session = open_session(self.path, providers, threads)
-        self.facts = read_facts(self._session, self.path)
-        self._tells_opacity = contract.STATIC_OPACITY in {port.name for port in self._session.get_outputs()}
+        self._models = WindowModels(self.path, partial(Model, providers=providers, threads=threads))
+        self.facts = self._models.facts
 
     @property
     def clip_name(self) -> str:
@@ -129,14 +115,7 @@ class Tracker:
         """
         queries = check_queries(queries, self.facts)
         frames = check_frames(frames, self.num_frames)
-        xy = np.empty((len(queries), len(frames), 2), np.float32)
-        occlusion = np.empty((len(queries), len(frames)), np.float32)
-        for columns in frame_chunks(len(frames), self.facts.bytes_per_ray, max_memory):
-            width = columns.stop - columns.start
-            for rows in query_chunks(len(queries), chunk, width, self.facts.bytes_per_ray, max_memory):
-                xy[rows, columns], occlusion[rows, columns] = self._ask(
-                    contract.TRACKING, queries[rows], frames[columns]
-                )
+        xy, occlusion = self._models.track(queries, frames, chunk, max_memory)
         size = self.height, self.width
         occluded = occlusion > self.occlusion_threshold
         return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])
@@ -174,14 +153,7 @@ class Tracker:
 
         `max_memory` and `chunk` are those of `track`, and so is what is raised.
         """
-        queries = check_queries(queries, self.facts)
-        colours = np.empty((3, len(queries), 3), np.float32)
-        scalars = np.ones((3, len(queries)), np.float32)
-        outputs = contract.APPEARANCE if self._tells_opacity else contract.APPEARANCE[:-1]
-        for rows in query_chunks(len(queries), chunk, 0, self.facts.bytes_per_rendered_ray, max_memory):
-            answer = self._ask(outputs, queries[rows], np.empty(0, np.int64))
-            colours[:, rows], scalars[: len(answer) - 3, rows] = answer[:3], answer[3:]
-        return Appearance(*colours, *scalars)
+        return self._models.sample(check_queries(queries, self.facts), chunk, max_memory)
 
     def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Which of `queries` [N, 3] a moving object owns, bool [N]: `track` follows these with it, the others as points
@@ -192,12 +164,6 @@ class Tracker:
         the table. `QueryError` where a query is malformed.
         """
         return self.sample(queries).static_confidence < 1 - self.facts.object_share
-
-    def _ask(
-        self, outputs: tuple[str, ...], queries: npt.NDArray[np.float32], frames: npt.NDArray[np.int64]
-    ) -> list[npt.NDArray[np.float32]]:
-        answer = self._session.run(list(outputs), {contract.QUERIES: queries, contract.FRAMES: frames})
-        return cast("list[npt.NDArray[np.float32]]", answer)
 
     def __reduce__(self) -> tuple[object, ...]:
         return _reopen, self._opened_with

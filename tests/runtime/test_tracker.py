@@ -75,13 +75,14 @@ def test_the_answer_does_not_depend_on_the_other_queries(tracker: Tracker):
 def counted(tracker: Tracker, monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """Fills with (queries, frames) of each call of the session."""
     asked = []
-    ask = tracker._ask
+    model = tracker._models[0]
+    ask = model._ask
 
     def counting(outputs: Any, queries: Any, frames: Any) -> Any:
         asked.append((len(queries), len(frames)))
         return ask(outputs, queries, frames)
 
-    monkeypatch.setattr(tracker, "_ask", counting)
+    monkeypatch.setattr(model, "_ask", counting)
     return asked
 
 

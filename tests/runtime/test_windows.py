@@ -1,0 +1,202 @@
+"""Clips of several windows: stand-in models that know where everything is, and what becomes of a point between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from decomo_runtime import ModelFileError, Tracker
+from decomo_runtime.model import Appearance, Model
+from decomo_runtime.model_file import ModelFacts
+from decomo_runtime.windows import MOST_OPEN, WindowModels
+from decomotion.windows import FILE_NAME, Window, Windows, split
+from tiny_model import VELOCITY, write_tiny_model
+
+HEIGHT, WIDTH = 60, 90
+Hidden = Callable[[npt.NDArray[np.float32], npt.NDArray[np.int64]], npt.NDArray[np.floating]]
+
+
+@dataclass
+class Standing:
+    """A model of a window, in which points move by (2, 1) a frame and are as hidden as `hidden(x of frame 0, frame)`.
+
+    `error` is added to x wherever a point is not at its query.
+    """
+
+    window: Window
+    hidden: Hidden
+    error: float = 0.0
+    facts: Any = None
+
+    def __post_init__(self) -> None:
+        self.facts = ModelFacts("part", len(self.window), HEIGHT, WIDTH, 25.0, "cpu", 0.5)
+        self.asked: list[int] = []
+
+    def track(self, queries, frames, chunk=None, max_memory=None):
+        assert ((queries[:, 0] >= 0) & (queries[:, 0] < len(self.window))).all()
+        assert ((frames >= 0) & (frames < len(self.window))).all()
+        self.asked.append(len(frames))
+        gone = frames - queries[:, :1]
+        xy = queries[:, None, 1:] + gone[..., None] * np.array([2.0, 1.0])
+        xy[..., 0] += self.error * (gone != 0)
+        origin = queries[:, 1] - 2 * (queries[:, 0] + self.window.begin)
+        return xy.astype(np.float32), np.where(gone == 0, 0, self.hidden(origin[:, None], frames + self.window.begin))
+
+    def sample(self, queries, chunk=None, max_memory=None):
+        colours = np.repeat(queries[:, :1] + self.window.begin, 3, axis=1)
+        return Appearance(colours, colours, colours, *np.repeat(queries[:, 1][None], 3, axis=0))
+
+
+def in_sight(origin: npt.NDArray, frames: npt.NDArray) -> npt.NDArray:
+    return np.zeros(np.broadcast_shapes(origin.shape, frames.shape))
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Callable[..., tuple[WindowModels, dict[str, Standing]]]:
+    """A clip of windows, and the models that were opened, by name."""
+
+    def made(windows: tuple[Window, ...], hidden: Hidden = in_sight, error: float = 0.0, **layout: Any):
+        opened: dict[str, Standing] = {}
+        facts = {"clip": "walk", "num_frames": windows[-1].end, "height": HEIGHT, "width": WIDTH, "fps": 25.0}
+        Windows(**{**facts, "windows": windows, **layout}).save(tmp_path / FILE_NAME)
+        for window in windows:
+            (tmp_path / f"{window.name}.onnx").touch()
+
+        def open_one(file: Path) -> Model:
+            window = next(window for window in windows if window.name == file.stem)
+            return cast(Model, opened.setdefault(file.stem, Standing(window, hidden, error)))
+
+        return WindowModels(tmp_path, open_one), opened
+
+    return made
+
+
+def truth(queries: npt.NDArray, frames: npt.NDArray) -> npt.NDArray:
+    return queries[:, None, 1:] + (frames - queries[:, :1])[..., None] * np.array([2.0, 1.0])
+
+
+@pytest.mark.parametrize(("frames", "longest"), [(23, 8), (41, 17), (100, 30)])
+def test_points_in_sight_go_through_all_windows_both_ways(make, frames: int, longest: int):
+    windows = split(frames, [], longest)
+    assert len(windows) > 2
+    models, _ = make(windows)
+    queries = np.array([(t, 3.5 + t, 2.25) for t in range(frames)], np.float32)
+    every = np.arange(frames)
+    xy, hidden = models.track(queries, every)
+    np.testing.assert_allclose(xy, truth(queries, every), atol=1e-4)
+    assert not hidden.any()
+
+
+def test_an_answer_depends_on_no_other_query_or_frame(make):
+    def flickering(origin, frames):
+        return np.abs(np.sin(origin + 3.0 * frames))
+
+    models, _ = make(split(50, [], 20), flickering, error=0.5)
+    queries = np.array([(t, 3.5 + t, 2.25) for t in (0, 49, 17, 30, 31, 8)], np.float32)
+    every = np.arange(50)
+    whole = models.track(queries, every)
+    for row in range(len(queries)):
+        alone = models.track(queries[row : row + 1], every)
+        for one, of_all in zip(alone, whole, strict=True):
+            np.testing.assert_array_equal(one[0], of_all[row])
+    for frame in every:
+        alone = models.track(queries, np.array([frame]))
+        for one, of_all in zip(alone, whole, strict=True):
+            np.testing.assert_array_equal(one[:, 0], of_all[:, frame])
+    mixed = np.array([44, 3, 3, 20])
+    for one, of_all in zip(models.track(queries, mixed), whole, strict=True):
+        np.testing.assert_array_equal(one, of_all[:, mixed])
+
+
+def test_a_point_crosses_where_it_is_surest_to_be_seen(make):
+    """Each model adds an error to all but the query: places show where the next one was asked."""
+    windows = (Window("window-000", 0, 20), Window("window-001", 14, 34))
+
+    def hidden(origin, frames):
+        return np.where(frames == 18, 0.1, 0.4) + 0 * origin
+
+    models, _ = make(windows, hidden, error=1.0)
+    xy, occlusion = models.track(np.array([[2, 5, 5]], np.float32), np.arange(34))
+    steps = np.diff(xy[0, :, 0])
+    assert np.flatnonzero(np.abs(steps - 2) > 0.5).tolist() == [1, 2, 18]  # out of the query, and out of frame 18
+    assert xy[0, 33, 0] == pytest.approx(5 + 2 * 31 + 2)
+    assert occlusion[0, 18] == pytest.approx(0.1)
+
+
+def test_a_query_among_the_shared_frames_crosses_there(make):
+    models, _ = make(split(40, [], 24), lambda origin, frames: 0.9 + 0 * origin + 0 * frames, error=1.0)
+    (shared,) = [models.layout.shared(0)]
+    for frame in shared:
+        xy, _ = models.track(np.array([[frame, 50, 5]], np.float32), np.array([0, 39]))
+        assert np.abs(xy[0] - truth(np.array([[frame, 50, 5]]), np.array([0, 39]))[0]).max() == pytest.approx(1.0)
+
+
+def test_across_a_cut_nothing_is_followed(make):
+    models, opened = make(split(30, [13], 20))
+    xy, hidden = models.track(np.array([[5, 5, 5], [20, 40, 5]], np.float32), np.arange(30))
+    assert (hidden[0] == np.r_[np.zeros(13), np.ones(17)]).all()
+    assert (hidden[1] == np.r_[np.ones(13), np.zeros(17)]).all()
+    np.testing.assert_allclose(xy[0, 13:], np.tile(xy[0, 12], (17, 1)))
+    np.testing.assert_allclose(xy[1, :13], np.tile(xy[1, 13], (13, 1)))
+    assert len(opened) == 2
+
+
+def test_only_windows_on_the_way_are_asked(make):
+    models, opened = make(split(100, [], 20))
+    opened["window-000"].asked.clear()
+    models.track(np.array([[50, 40, 5]], np.float32), np.array([50, 51]))
+    assert [name for name, model in opened.items() if model.asked] == [
+        models.layout.windows[models.layout.home(np.array([50]))[0]].name
+    ]
+
+
+def test_few_models_stay_open(make):
+    models, opened = make(split(300, [], 20))
+    assert len(models) > MOST_OPEN + 2
+    models.track(np.array([[0, 5, 5]], np.float32), np.array([299]))
+    assert len(opened) == len(models)
+    assert len(models._models) == MOST_OPEN
+
+
+def test_each_ray_is_looked_at_in_its_own_window(make):
+    models, _ = make(split(50, [], 20))
+    queries = np.array([(t, t / 7, 1) for t in (40, 0, 49, 20)], np.float32)
+    seen = models.sample(queries)
+    np.testing.assert_allclose(seen.rgb[:, 0], queries[:, 0])
+    np.testing.assert_allclose(seen.depth, queries[:, 1])
+    assert models.sample(queries[:0]).rgb.shape == (0, 3)
+
+
+def test_a_folder_of_files_is_one_tracker(tmp_path: Path):
+    seconds = tuple((np.arange(30) / 20 + (np.arange(30) > 7)).tolist())
+    layout = Windows("walk", 30, HEIGHT, WIDTH, 15.0, split(30, [], 16), seconds, 2.0)
+    for window in layout.windows:
+        size = {"num_frames": len(window), "height": HEIGHT, "width": WIDTH}
+        write_tiny_model(tmp_path / f"{window.name}.onnx", **size, clip_name=window.name)
+    layout.save(tmp_path / FILE_NAME, model="whatever else it says")
+    tracker = Tracker(tmp_path, threads=1)
+    assert (tracker.clip_name, tracker.num_frames, tracker.fps, tracker.pixel_aspect) == ("walk", 30, 15.0, 2.0)
+    np.testing.assert_allclose(tracker.times, seconds)
+    tracks = tracker.track([[3, 20, 30]])
+    np.testing.assert_allclose(tracks.xy[0], [20, 30] + (np.arange(30)[:, None] - 3) * VELOCITY, atol=1e-3)
+    assert tracker.dense(2, to=28).flow.shape == (HEIGHT, WIDTH, 2)
+
+
+def test_a_folder_that_contradicts_itself_is_refused(tmp_path: Path):
+    with pytest.raises(ModelFileError, match="is a folder without"):
+        Tracker(tmp_path)
+    layout = Windows("walk", 30, HEIGHT, WIDTH, 15.0, split(30, [], 16))
+    layout.save(tmp_path / FILE_NAME)
+    with pytest.raises(ModelFileError, match=r"lacks window-000.onnx, window-001.onnx"):
+        Tracker(tmp_path)
+    for window in layout.windows:
+        size = {"num_frames": len(window) + (window.begin > 0), "height": HEIGHT, "width": WIDTH}
+        write_tiny_model(tmp_path / f"{window.name}.onnx", **size)
+    with pytest.raises(ModelFileError, match=r"window-001.onnx is of"):
+        Tracker(tmp_path).track([[0, 1, 1]])
