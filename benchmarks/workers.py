@@ -19,13 +19,13 @@ from pathlib import Path
 
 import click
 
-from decomo_eval.bench.cluster import RayEngine
-from decomo_eval.bench.engine import LocalEngine
 from decomo_eval.bench.run import bench
 from decomo_eval.bench.task import command_options
-from decomo_eval.names import ENGINES
 from decomotion import checkpoint
 from decomotion.console import run
+from decomotion.jobs.cluster import RayEngine
+from decomotion.jobs.engine import LocalEngine
+from decomotion.jobs.options import ENGINES
 from harness.records import Record, provenance, write_record
 
 WORKERS = (1, 2)

@@ -33,5 +33,9 @@ class SupervisionError(InputError):
     """Flow, features or masks given by the user do not fit the clip."""
 
 
+class EngineError(InputError):
+    """The engine that tasks were to run on is not installed, does not answer, or has no room for them."""
+
+
 class TrainingError(RuntimeError):
     """The optimisation itself failed, for example a loss that is not a number."""

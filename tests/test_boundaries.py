@@ -30,6 +30,7 @@ GROUND_FLOOR = [
     "decomotion.files",
     "decomotion.frame_files",
     "decomotion.images",
+    "decomotion.jobs",
     "decomotion.outputs",
     "decomotion.presets",
     "decomotion.pseudo_depth",
@@ -59,13 +60,13 @@ FETCHED = {
     "decomo_eval.bench.task": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
-OF_AN_EXTRA = {"decomo_eval.bench.cluster": "ray", "decomo_eval.report.charts": "report"}
+OF_AN_EXTRA = {"decomotion.jobs.cluster": "ray", "decomo_eval.report.charts": "report"}
 """Modules that fetch what one extra installs, when it is asked for and not before."""
 SHARED_BY_THE_PROCESS = (
     r"signal\.signal|basicConfig|setLevel|seterr|setNumThreads|setRNGSeed|random\.seed|environ\[[^]]*\] ="
     r"|environ\.update|environ\.setdefault|putenv|chdir|umask|simplefilter|setdefaulttimeout|rcParams\["
 )
-RESTORES = ["decomo_eval.bench.cluster"]
+RESTORES = ["decomotion.jobs.cluster"]
 """Modules that change some of it for a while: their tests see it restored."""
 SELDOM_ASKED_FOR = ["ray", "matplotlib"]
 """What those extras install."""
@@ -169,7 +170,7 @@ def test_every_library_used_is_declared(package: str):
     extra = extras["train"]
     distributions_of = packages_distributions()
     for module, file in modules_of(package):
-        torch_free = package in TORCH_FREE or module in GROUND_FLOOR
+        torch_free = package in TORCH_FREE or f"{module}.".startswith(tuple(f"{name}." for name in GROUND_FLOOR))
         own = extras[OF_AN_EXTRA[module]] if module in OF_AN_EXTRA else []
         requirements = [*base, *own] if torch_free else [*base, *extra]
         declared = {distribution_name(requirement) for requirement in requirements}

@@ -22,14 +22,17 @@ from typing import Any
 import pytest
 
 from children import child
-from decomo_eval.bench import cluster, run, task
+from decomo_eval.bench import run, task
 from decomo_eval.bench.cli import main
-from decomo_eval.bench.cluster import ENVIRONMENT, RayEngine
-from decomo_eval.bench.engine import Room, run_tasks
 from decomo_eval.bench.task import COMMANDS
 from decomo_eval.dataset import Video, read_dataset, write_frames
-from decomo_eval.errors import EvalError, PredictionError
+from decomo_eval.errors import PredictionError
 from decomotion.clip import read_clip
+from decomotion.errors import EngineError
+from decomotion.jobs import cluster
+from decomotion.jobs.cluster import ENVIRONMENT, RayEngine
+from decomotion.jobs.engine import Room, run_tasks
+from decomotion.jobs.task import Outcome
 
 TRAIN = """
 import json, os, pathlib, signal, sys, time
@@ -307,23 +310,24 @@ def test_what_cannot_be_removed_fails_no_finished_video(bench: Bench, monkeypatc
 
 
 def test_the_model_of_a_lost_attempt_counts(dataset: Path, tmp_path: Path) -> None:
-    left = task.Task("left", tmp_path / "out", (), attempts=1)
+    left = task.VideoTask("left", tmp_path / "out", (), attempts=1)
 
-    def lost(one: task.Task, _: int) -> Future[task.Outcome]:
+    def lost(one: task.VideoTask, _: int) -> Future[Outcome]:
         one.model.parent.mkdir(parents=True)
         one.model.touch()
-        future: Future[task.Outcome] = Future()
+        future: Future[Outcome] = Future()
         future.set_exception(OSError("the worker died"))
         return future
 
-    (outcome,) = run_tasks([left], read_dataset(dataset), Room(1, lost))
+    batch = run._Batch(read_dataset(dataset))
+    (outcome,) = run_tasks([left], Room(1, lost), batch.ready, batch.record)
     assert (outcome.attempts, outcome.error) == (1, None)
 
 
 @pytest.mark.parametrize("name", ["../up", ".hidden", "a/b", ""])
 def test_names_that_are_no_files_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(task.DatasetError, match="cannot be a file's"):
-        task.Task(name, tmp_path, (), 1)
+        task.VideoTask(name, tmp_path, (), 1)
 
 
 def test_cores_are_shared_out_or_given(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -339,7 +343,7 @@ def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path
     from decomo_eval.dataset import read_dataset
 
     video = read_dataset(dataset)["left"]
-    left = task.Task("left", tmp_path / "out", ("--preset", "cpu"), attempts=2)
+    left = task.VideoTask("left", tmp_path / "out", ("--preset", "cpu"), attempts=2)
     left.prepare(video)
     lost = left.folder / ".attempt-lost"
     (lost / "run").mkdir(parents=True)
@@ -361,7 +365,7 @@ def test_what_ray_is_told_by_the_environment_is_taken_back(monkeypatch: pytest.M
         raise ConnectionError("no")
 
     monkeypatch.setattr("ray.init", does_not_start)
-    with pytest.raises(EvalError, match="Ray does not answer at local"), RayEngine("local").start():
+    with pytest.raises(EngineError, match="Ray does not answer at local"), RayEngine("local").start():
         pass
     assert (seen[said], seen[other]) == ("mine", ENVIRONMENT[other])
     assert dict(os.environ) == before
@@ -373,7 +377,7 @@ def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkey
     seen = []
     told = subprocess.CompletedProcess([], 1)
     monkeypatch.setattr(subprocess, "run", lambda *_, env, **__: seen.append(env["CUDA_VISIBLE_DEVICES"]) or told)
-    left = task.Task("left", tmp_path / "out", (), attempts=1)
+    left = task.VideoTask("left", tmp_path / "out", (), attempts=1)
     left.frames.mkdir(parents=True)
     for on_gpu in (False, True):
         cluster._attempt(left, 1, 1, on_gpu)
@@ -382,7 +386,7 @@ def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkey
 
 
 def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:
-    outcome = task.Task("left", tmp_path / "out", (), attempts=1).attempt(1, threads=1)
+    outcome = task.VideoTask("left", tmp_path / "out", (), attempts=1).attempt(1, threads=1)
     assert "--out has to be a folder that all machines share" in str(outcome.error)
 
 

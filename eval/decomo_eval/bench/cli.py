@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.names import ENGINES, ORIGINAL, RESOLUTIONS
+from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
 from decomotion.errors import TrainingError
+from decomotion.jobs.options import chosen_engine, engine_options
 from decomotion.options import Duration
 from decomotion.presets import AUTO
 
@@ -41,17 +43,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
     default=ORIGINAL,
     help="Of the frames that are fitted, as stored or brought to TAP-Vid's 256x256: categories of their own.",
 )
-@click.option("--engine", type=click.Choice(ENGINES), default=ENGINES[0], help="This machine, or Ray.")
-@click.option("--address", help="Of a Ray cluster.  [default: RAY_ADDRESS, else local, a new one]")
-@click.option("--jobs", type=click.IntRange(min=1), help="Videos at a time.  [default: 1; of ray, what has room]")
-@click.option(
-    "--cpus-per-task",
-    type=click.IntRange(min=1),
-    help="Threads of each video, and CPUs that ray reserves.  [default: the cores by --jobs; of ray, 1]",
-)
-@click.option(
-    "--gpus-per-task", type=click.FloatRange(min=0), help="GPUs that ray reserves, 0.5: a share.  [default: 0]"
-)
+@engine_options("videos")
 @click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a video before it is given up.")
 def command(
     dataset: Path,
@@ -64,19 +56,13 @@ def command(
     videos: str | None,
     query_mode: str,
     resolution: str,
-    engine: str,
-    address: str | None,
-    jobs: int | None,
-    cpus_per_task: int | None,
-    gpus_per_task: float | None,
     attempts: int,
+    **where: Any,
 ) -> None:
     """Fit, export and score every video of DATASET, a TAP-Vid pickle or folder.
 
     What is finished is not done again: give the same command after an interruption, or to try failed videos once more.
     """
-    from decomo_eval.bench.cluster import RayEngine
-    from decomo_eval.bench.engine import LocalEngine
     from decomo_eval.bench.run import bench
     from decomo_eval.bench.task import command_options
     from decomotion.outputs import check_folder
@@ -86,14 +72,8 @@ def command(
     names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     check_folder("--out", out)
     options = command_options(preset, time_budget, steps, seed, overrides)
-    if engine == "ray":
-        where = RayEngine(address, cpus_per_task or 1, gpus_per_task or 0, jobs)
-    elif address is not None or gpus_per_task is not None:
-        raise click.UsageError("--address and --gpus-per-task are for --engine ray")
-    else:
-        where = LocalEngine(jobs or 1, cpus_per_task)
     settings = {"videos": names, "attempts": attempts, "query_mode": query_mode, "resolution": resolution}
-    summary = bench(dataset, out, options, engine=where, **settings)
+    summary = bench(dataset, out, options, engine=chosen_engine(**where), **settings)
     if summary.report is not None:
         cells = ", ".join(f"{column.title} {column.cell(summary.report.mean)}" for column in COLUMNS)
         click.echo(f"{query_mode}, mean over {len(summary.report.videos)} videos: {cells}")

@@ -6,20 +6,21 @@ import json
 import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from decomo_eval.bench.engine import Engine, LocalEngine, run_tasks
-from decomo_eval.bench.task import Outcome, Task
-from decomo_eval.dataset import read_dataset
+from decomo_eval.bench.task import VideoTask
+from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import DatasetError, EvalError
 from decomo_eval.names import ORIGINAL
 from decomo_eval.query_mode import STRIDED
 from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
 from decomotion.files import replacing
+from decomotion.jobs.engine import Engine, LocalEngine, run_tasks
+from decomotion.jobs.task import Outcome
 
 logger = logging.getLogger(__name__)
 
@@ -92,8 +93,8 @@ def bench(
         query_mode: of the score.
         resolution: of the frames that are fitted (`dataset.read_dataset`).
 
-    Raises `EvalError` where `out` was made from another dataset or with other options, where another run is at work on
-    it, or the engine does not run.
+    Raises `EvalError` where `out` was made from another dataset or with other options, or another run is at work on it;
+    `EngineError` where the engine does not run.
     """
     dataset, out = Path(dataset), Path(out)
     known = read_dataset(dataset, resolution)
@@ -101,12 +102,13 @@ def bench(
     if unknown:
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
     names = list(known if videos is None else videos)
-    tasks = [Task(name, out.absolute(), tuple(options), attempts) for name in names]
+    tasks = [VideoTask(name, out.absolute(), tuple(options), attempts) for name in names]
     with _alone(out):
         _claim(out, {"dataset": dataset.name, "options": list(options), "resolution": resolution})
         outcomes, begin = [], time.monotonic()
         with (engine or LocalEngine()).start() as room:
-            for outcome in run_tasks(tasks, known, room):
+            batch = _Batch(known)
+            for outcome in run_tasks(tasks, room, batch.ready, batch.record):
                 outcomes.append(outcome)
                 _log(outcome, outcomes, len(tasks), time.monotonic() - begin)
         finished = tuple(outcome for outcome in outcomes if outcome.error is None)
@@ -116,6 +118,43 @@ def bench(
         summary = replace(summary, report=_score(dataset, out, query_mode, finished, failed))
         summary.write(out)
     return summary
+
+
+class _Batch:
+    """Makes tasks ready, and keeps how they went. Reads one video at a time."""
+
+    def __init__(self, videos: Mapping[str, Video]) -> None:
+        self._videos = videos
+        self._clips: dict[str, str] = {}
+        """Digests by video."""
+
+    def ready(self, task: VideoTask) -> Outcome | None:
+        """The outcome of a task that needs no attempt, or can have none; else its frames are written."""
+        finished = task.finished_before()
+        try:
+            video = self._videos[task.name]
+            clip = self._clips[task.name] = video.digest()
+            if finished is None:
+                task.prepare(video)
+                return None
+        except (DatasetError, OSError) as error:  # of one video: the others go on
+            if finished is not None:
+                return finished
+            failed = Outcome(task.name, 1, {}, str(error))
+            with suppress(OSError):
+                task.record(failed)
+            return failed
+        if finished.clip in (None, clip):
+            return finished
+        why = f"{task.model} was fitted to other frames than the dataset's; move it away, or give another --out"
+        return replace(finished, error=why)
+
+    def record(self, task: VideoTask, outcome: Outcome) -> Outcome:
+        """Writes `task.json`. A model that is there counts, also where the attempt was lost or given up for lost."""
+        error = None if task.model.is_file() else outcome.error
+        outcome = replace(outcome, clip=self._clips[task.name], error=error)
+        task.record(outcome)
+        return outcome
 
 
 @contextmanager

@@ -13,12 +13,8 @@ given up for lost, but still runs somewhere, spoils nothing.
 from __future__ import annotations
 
 import json
-import os
 import platform
 import shutil
-import subprocess
-import sys
-import time
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -28,6 +24,7 @@ from types import MappingProxyType
 from decomo_eval.dataset import Video, write_frames
 from decomo_eval.errors import DatasetError
 from decomotion.files import replacing
+from decomotion.jobs.task import Outcome, run_stages
 from decomotion.presets import AUTO, AUTO_PRESET
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
@@ -35,24 +32,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "e
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a task went."""
-
-    name: str
-    attempts: int
-    """0: it was finished before."""
-    seconds: dict[str, float]
-    """Wall time of each stage of the last attempt."""
-    error: str | None
-    """The last attempt's, or None where the model is there."""
-    jobs: int | None = None
-    """Videos at a time in the run that fitted it; None of runs that did not note it."""
-    clip: str | None = None
-    """`Video.digest` of what it was fitted to; None of runs that did not note it."""
-
-
-@dataclass(frozen=True)
-class Task:
+class VideoTask:
     """A video to be fitted."""
 
     name: str
@@ -89,13 +69,7 @@ class Task:
         write_frames(video, self.frames)
 
     def attempt(self, number: int, threads: int, variables: Mapping[str, str] = MappingProxyType({})) -> Outcome:
-        """Fits and exports the video. A command that fails is an outcome, not an exception.
-
-        Args:
-            number: of the attempt, from 1.
-            threads: of OpenMP, and so of torch.
-            variables: further ones of the commands' environment.
-        """
+        """Fits and exports the video: see `decomotion.jobs.task.Task`."""
         if not self.frames.is_dir():
             where = f"{self.frames} is not there on {platform.node()}"
             return Outcome(self.name, number, {}, f"{where}; --out has to be a folder that all machines share")
@@ -108,16 +82,11 @@ class Task:
             "train": (str(self.frames), "--out", str(run), "--shots", "ignore", *self.options),
             "export": (str(model), "--run", str(run)),
         }
-        seconds, environment = {}, {**os.environ, "OMP_NUM_THREADS": str(threads), **variables}
-        with open(self.folder / "log.txt", "wb") as log:
-            for stage, command in self.commands.items():
-                begin, line = time.monotonic(), [sys.executable, *command, *arguments[stage]]
-                code = subprocess.run(line, stdout=log, stderr=log, env=environment, check=False).returncode
-                seconds[stage] = round(time.monotonic() - begin, 1)
-                if code:
-                    return Outcome(self.name, number, seconds, self._why(stage, code))
-        self._keep(run, model)
-        return Outcome(self.name, number, seconds, None)
+        stages = [(stage, [*command, *arguments[stage]]) for stage, command in self.commands.items()]
+        seconds, error = run_stages(stages, self.folder / "log.txt", threads, variables)
+        if error is None:
+            self._keep(run, model)
+        return Outcome(self.name, number, seconds, error)
 
     def record(self, outcome: Outcome) -> None:
         """Writes `task.json`."""
@@ -139,12 +108,6 @@ class Task:
         model.replace(self.model)
         for left in (model.parent, self.frames.parent):
             shutil.rmtree(left, ignore_errors=True)
-
-    def _why(self, stage: str, code: int) -> str:
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
-        lines = (self.folder / "log.txt").read_text(encoding="utf-8", errors="replace").split("\n")
-        said = [line.strip() for line in lines if line.startswith("Error")]
-        return f"{stage} {how}" + (f": {said[-1]}" if said else f"; see {self.folder / 'log.txt'}")
 
 
 def command_options(

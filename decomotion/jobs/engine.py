@@ -5,17 +5,17 @@ from __future__ import annotations
 import logging
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar, runtime_checkable
 
-from decomo_eval.bench.task import Outcome, Task
-from decomo_eval.dataset import Video
-from decomo_eval.errors import DatasetError
+from decomotion.jobs.task import Outcome, Task
 
 logger = logging.getLogger(__name__)
+
+AnyTask = TypeVar("AnyTask", bound=Task)
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,12 @@ class Room:
     """Starts an attempt of a task, by its number from 1. An exception of the future's is an attempt that was lost."""
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Runs attempts somewhere."""
 
     def start(self) -> AbstractContextManager[Room]:
-        """Left before all is done, it starts nothing more. Raises `EvalError` where it cannot run tasks."""
+        """Left before all is done, it starts nothing more. Raises `EngineError` where it cannot run tasks."""
         ...
 
 
@@ -48,64 +49,47 @@ class LocalEngine:
     def start(self) -> Iterator[Room]:
         """Waits in the end for what runs."""
         threads = self.threads or max(1, (os.cpu_count() or 1) // self.jobs)
-        pool = ThreadPoolExecutor(self.jobs, thread_name_prefix="decomo-bench")
+        pool = ThreadPoolExecutor(self.jobs, thread_name_prefix="decomo-job")
         try:
             yield Room(self.jobs, lambda task, number: pool.submit(task.attempt, number, threads))
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def run_tasks(tasks: Sequence[Task], videos: Mapping[str, Video], room: Room) -> Iterator[Outcome]:
-    """Runs the tasks; yields the last outcome of each, as they come. Reads one video at a time.
+def run_tasks(
+    tasks: Sequence[AnyTask],
+    room: Room,
+    ready: Callable[[AnyTask], Outcome | None],
+    record: Callable[[AnyTask, Outcome], Outcome],
+) -> Iterator[Outcome]:
+    """Runs the tasks; yields the last outcome of each, as they come.
 
     A task whose attempt fails or is lost goes to the end of the queue, `Task.attempts` times at most; the others go on.
+
+    Args:
+        tasks: in the order in which they are begun.
+        room: where they run.
+        ready: makes ready what an attempt needs; gives the outcome of a task that needs none, or can have none.
+        record: keeps what came of an attempt, and returns it as it is to be told: an attempt may have been lost and yet
+            have come to its end.
     """
     queue = deque((task, 1) for task in tasks)
-    running: dict[Future[Outcome], tuple[Task, int]] = {}
-    clips: dict[str, str] = {}
+    running: dict[Future[Outcome], tuple[AnyTask, int]] = {}
     while queue or running:
         while queue and len(running) < room.jobs:
             task, number = queue.popleft()
-            if outcome := _without_attempt(task, videos, clips):
+            if outcome := ready(task):
                 yield outcome
             else:
                 running[room.submit(task, number)] = task, number
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             task, number = running.pop(future)
-            outcome = replace(_outcome(task, number, future), jobs=room.jobs, clip=clips[task.name])
-            if task.model.is_file():  # also where an attempt was lost, or given up for lost, and came to its end
-                outcome = replace(outcome, error=None)
-            task.record(outcome)
+            outcome = record(task, replace(_outcome(task, number, future), jobs=room.jobs))
             if outcome.error is None or number == task.attempts:
                 yield outcome
             else:
                 logger.info("%s, attempt %d of %d: %s", task.name, number, task.attempts, outcome.error)
                 queue.append((task, number + 1))
-
-
-def _without_attempt(task: Task, videos: Mapping[str, Video], clips: dict[str, str]) -> Outcome | None:
-    """The outcome of a task that needs no attempt, or can have none; else its frames are written.
-
-    `clips` gets the video's digest.
-    """
-    finished = task.finished_before()
-    try:
-        video = videos[task.name]
-        clips[task.name] = video.digest()
-        if finished is None:
-            task.prepare(video)
-            return None
-    except (DatasetError, OSError) as error:  # of one video: the others go on
-        if finished is not None:
-            return finished
-        failed = Outcome(task.name, 1, {}, str(error))
-        with suppress(OSError):
-            task.record(failed)
-        return failed
-    if finished.clip in (None, clips[task.name]):
-        return finished
-    why = f"{task.model} was fitted to other frames than the dataset's; move it away, or give another --out"
-    return replace(finished, error=why)
 
 
 def _outcome(task: Task, number: int, future: Future[Outcome]) -> Outcome:

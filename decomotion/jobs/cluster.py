@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from decomo_eval.bench.engine import Room, first_line
-from decomo_eval.bench.task import Outcome, Task
-from decomo_eval.errors import EvalError
+from decomotion.errors import EngineError
+from decomotion.jobs.engine import Room, first_line
+from decomotion.jobs.task import Outcome, Task
 
 CONNECT_SECONDS = 10
 """After which an address counts as silent; Ray itself would try for minutes."""
@@ -31,20 +31,20 @@ class RayEngine:
     """As of `ray.init`: default RAY_ADDRESS, else `local`, a Ray of this machine that is started for this run."""
     cpus: int = 1
     """Of each attempt; also its threads."""
-    gpus: float = 0
+    gpus: float = 0.0
     """Of each attempt, which sees no other: whole, or a share of one GPU."""
     jobs: int | None = None
     """Attempts at a time. Default: as many as the cluster has room for now; more lets one that can grow do so."""
 
     def __post_init__(self) -> None:
         if self.gpus < 0 or (self.gpus > 1 and self.gpus % 1):
-            raise EvalError(f"a task reserves whole GPUs, or a share of one, not {self.gpus:g}")
+            raise EngineError(f"a task reserves whole GPUs, or a share of one, not {self.gpus:g}")
 
     @contextmanager
     def start(self) -> Iterator[Room]:
-        """Connects, or starts Ray; in the end what still runs for this benchmark is stopped.
+        """Connects, or starts Ray; in the end what still runs for this batch is stopped.
 
-        Raises `EvalError` where Ray is not installed, does not answer or has no room for one attempt.
+        Raises `EngineError` where Ray is not installed, does not answer or has no room for one attempt.
         """
         with _environment():
             ray = _ray()
@@ -53,7 +53,7 @@ class RayEngine:
                 _check_answers(address)
                 ray.init(address=address, include_dashboard=False, log_to_driver=False, logging_level="warning")
             except Exception as error:  # Ray raises bare ones too
-                raise EvalError(
+                raise EngineError(
                     f"Ray does not answer at {address} ({first_line(error)}); start it, or set RAY_AUTH_MODE=token if "
                     "it asks for a token"
                 ) from error
@@ -75,7 +75,7 @@ class RayEngine:
             min(int(has.get(kind, 0) / number + 1e-6) for kind, number in asked.items() if number) for has in resources
         )
         if not fit:
-            raise EvalError(
+            raise EngineError(
                 f"no node of the Ray cluster has {self.cpus} CPUs and {self.gpus:g} GPUs; ask for less, or give --jobs "
                 "if the cluster grows on demand"
             )
@@ -110,5 +110,5 @@ def _ray() -> Any:
     try:
         import ray
     except ModuleNotFoundError as error:
-        raise EvalError("--engine ray needs Ray; run: pip install 'decomotion[ray]'") from error
+        raise EngineError("--engine ray needs Ray; run: pip install 'decomotion[ray]'") from error
     return ray
