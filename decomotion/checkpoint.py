@@ -113,8 +113,8 @@ def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
 
 
 def latest_run(root: Path = Path("runs")) -> Path:
-    """The run whose checkpoint was written last; of a clip that was split into shots, the folder of all of them."""
-    checkpoints = [*root.glob(f"*/{FILE_NAME}"), *root.glob(f"*/shot-*/{FILE_NAME}")]
+    """The run whose checkpoint was written last; of a clip of several windows, the folder of all of them."""
+    checkpoints = [*root.glob(f"*/{FILE_NAME}"), *root.glob(f"*/window-*/{FILE_NAME}")]
     if not checkpoints:
         raise CheckpointError(f"there is no run in {root.resolve()}; train first with decomo-train, or give --run")
     folder = max(checkpoints, key=lambda file: file.stat().st_mtime).parent

@@ -5,20 +5,59 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from decomotion.console import interrupt_flag, run
+from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
 from decomotion.options import Duration, Supervision, seed_option, supervision_options
 
+if TYPE_CHECKING:
+    from decomotion.clip import Clip
+    from decomotion.config import Config
+
 DEFAULT_BUDGET = "10m"
-"""Of each shot, where a clip has several."""
+"""Of each window."""
 MINUTES = ("cpu", "omnimotion")
 """Presets that have a default budget in minutes, not in steps."""
-MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
+MAY_RESUME_WITH = (
+    "out",
+    "time_budget",
+    "steps",
+    "shots",
+    "window",
+    "resume",
+    "device",
+    "engine",
+    "address",
+    "jobs",
+    "cpus_per_task",
+    "gpus_per_task",
+)
 """Options that `--resume` heeds."""
+OF_THE_WHOLE = (*MAY_RESUME_WITH[:-6], *MAY_RESUME_WITH[-5:])
+"""Options that are not those of a window, which `--device` is."""
+FILES = ("file", "flow_weights", "feature_weights")
+"""Options that name files, which machines of a cluster find by their full names."""
+AUTO, ALL = "auto", "all"
+
+
+class WindowLength(click.ParamType):
+    """Frames of a window: a number, `auto` or `all`."""
+
+    name = "auto|all|N"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+        """Parses; what is already a number passes."""
+        from decomotion.windows import SHORTEST
+
+        if value in (AUTO, ALL) or isinstance(value, int):
+            return value
+        if not str(value).isdecimal() or int(str(value)) < SHORTEST:
+            self.fail(f"{value!r} is neither {AUTO}, {ALL} nor a number of frames from {SHORTEST} on", param, ctx)
+        return int(str(value))
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -27,8 +66,8 @@ MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
 @click.option(
     "--time-budget",
     type=Duration(),
-    help="End after this much wall time, preparation included (30s, 10m, 1h); shots share it by their length.  "
-    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each shot; none with paper]",
+    help="End after this much wall time, preparation included (30s, 10m, 1h); windows share it by their length.  "
+    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each window; none with paper]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @supervision_options
@@ -36,8 +75,16 @@ MAY_RESUME_WITH = ("out", "time_budget", "steps", "shots", "resume", "device")
     "--shots",
     type=click.Choice(["stop", "split", "ignore"]),
     default="stop",
-    help="Where the clip cuts to another shot: stop and say where, fit one model to each shot, or fit across.",
+    help="Where the clip cuts to another shot: stop and say where, begin a new window, or fit across.",
 )
+@click.option(
+    "--window",
+    type=WindowLength(),
+    default=AUTO,
+    help=f"Frames that are fitted as one; a longer clip becomes windows that overlap. {AUTO}: 100 of a clip of more "
+    f"than 128, {ALL}: the whole clip.",
+)
+@engine_options("windows")
 @click.option("--resume", is_flag=True, help="Continue the run in --out where it stopped.")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
 @seed_option
@@ -50,82 +97,136 @@ def command(
     time_budget: float | None,
     steps: int | None,
     shots: str,
+    window: int | str,
     resume: bool,
     rebuild_cache: bool,
     seed: int,
     device: str,
     **options: Any,
 ) -> None:
-    """Fit a model to CLIP, a folder of frames or a video file; CLIP@A:B takes frames A up to but without B."""
-    from decomotion.clip import Clip, read_clip
+    """Fit a model to CLIP, a folder of frames or a video file; CLIP@A:B takes frames A up to but without B.
+
+    A long clip is fitted as several windows, one after the other or --jobs at a time. The same command, or --resume,
+    goes on with those that are not finished.
+    """
+    from decomotion.clip import read_clip
     from decomotion.errors import ConfigError
     from decomotion.outputs import check_folder
 
+    engine_choice = {name: options.pop(name) for name in ENGINE_OPTIONS}
     supervision = Supervision(**options)
     if time_budget is not None and steps is not None:
         raise ConfigError("give --time-budget or --steps, not both")
-    if resume and (decided := _given(context, MAY_RESUME_WITH)):
-        raise ConfigError(
-            f"--resume continues with the run's own configuration and seed; leave out {', '.join(decided)}"
-        )
     frames = read_clip(clip)
     folder = out if out is not None else Path("runs") / frames.name
     check_folder("--out", folder)
 
-    from decomotion import checkpoint
-    from decomotion.device import choose_device
-    from decomotion.memory import kept_memory
-    from decomotion.shots import check_no_files, each_shot
-    from decomotion.train import fit
+    from decomotion.data.cuts import find_cuts
+    from decomotion.long_clip import check_no_files, check_one_shot, fit_windows, read_windows, windows_of
+    from decomotion.windows import FILE_NAME
 
-    device = choose_device(device)
-    config = None if resume else supervision.config()
-    default, seconds_each = Duration().convert(DEFAULT_BUDGET, None, None), None
-    if config is not None and config.preset in MINUTES and time_budget is None and steps is None:
-        seconds_each = default
-    if config is not None and shots == "split":
-        check_no_files(config.data)
-
-    def fit_one(part: Clip, folder: Path, share: float = 1.0) -> Path:
-        with kept_memory():
-            fit(
-                part,
+    decided = _given(context, MAY_RESUME_WITH)
+    each = _forwarded(context)
+    if resume and (folder / FILE_NAME).is_file():
+        layout, _, begun_with = read_windows(folder)
+        if each and each != begun_with:
+            raise ConfigError(_resume_refused(decided))
+        each = begun_with
+    else:
+        config = None
+        if not resume or decided:
+            config = supervision.config()
+        if resume and config is not None and not _are_the_runs(folder, config, seed, rebuild_cache):
+            raise ConfigError(_resume_refused(decided))
+        if shots == "stop" and not resume:
+            check_one_shot(frames)
+        cuts = find_cuts(frames.frames) if shots == "split" else []
+        longest = None if window == AUTO else len(frames) if window == ALL else int(window)
+        layout = windows_of(frames, longest, cuts)
+        if resume or len(layout.windows) == 1:
+            by_default = config is not None and not resume and config.preset in MINUTES
+            if by_default and time_budget is None and steps is None:
+                time_budget = Duration().convert(DEFAULT_BUDGET, None, None)
+            _fit_one(
+                frames,
                 folder,
-                config=config,
+                config=None if resume else config,
                 steps=steps,
-                time_budget=seconds_each if time_budget is None else share * time_budget,
-                resume=resume and (shots != "split" or (folder / checkpoint.FILE_NAME).is_file()),
+                time_budget=time_budget,
+                resume=resume,
                 rebuild_cache=rebuild_cache,
                 seed=seed,
                 device=device,
-                ignore_cuts=shots != "stop",
-                stopping=interrupt_flag,
             )
-        click.echo(f"fitted {part.name} ({len(part)} frames of {part.width}x{part.height}): {folder}")
-        return folder
+            return
+        assert config is not None
+        check_no_files(config.data)
 
-    if shots != "split":
-        fit_one(frames, folder)
-        return
-    if resume:  # shots that were not begun follow the first
-        first = checkpoint.load(folder / "shot-000" / checkpoint.FILE_NAME)
-        config, seed = first.config, first.training["seed"]
-        if steps is None and time_budget is None:
-            steps, seconds = first.training["budget"]["steps"], first.training["budget"]["seconds"]
-            if seconds == default:
-                seconds_each = default
-            elif seconds is not None:
-                time_budget = seconds * len(frames) / first.clip.num_frames
-    each_shot(frames, folder, fit_one)
+    engine = chosen_engine(**engine_choice)
+    fit_windows(
+        clip,
+        frames,
+        layout,
+        folder,
+        each,
+        engine=engine,
+        jobs=engine_choice["jobs"] or 1,
+        steps=steps,
+        time_budget=time_budget,
+        longer=resume and (steps is not None or time_budget is not None),
+    )
+    click.echo(
+        f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
+        f"windows: {folder}"
+    )
+
+
+def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:
+    from decomotion.device import choose_device
+    from decomotion.memory import kept_memory
+    from decomotion.train import fit
+
+    device = choose_device(device)
+    with kept_memory():
+        fit(frames, folder, device=device, ignore_cuts=True, stopping=interrupt_flag, **how)
+    click.echo(f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}): {folder}")
+
+
+def _are_the_runs(folder: Path, config: Config, seed: int, rebuild_cache: bool) -> bool:
+    """Whether the run in `folder` was begun with these."""
+    from decomotion.record import read_record
+
+    found = read_record(folder)
+    return not rebuild_cache and found is not None and found.is_like(config, seed)
+
+
+def _resume_refused(decided: Sequence[str]) -> str:
+    return f"--resume continues with the run's own configuration and seed; leave out {', '.join(decided)}"
+
+
+def _forwarded(context: click.Context) -> list[str]:
+    """The options on the command line that every window gets, as arguments."""
+    arguments = []
+    for option in _options(context, OF_THE_WHOLE):
+        value = context.params[option.name or ""]
+        for each in value if option.multiple else [value]:
+            text = str(Path(each).absolute()) if option.name in FILES else str(each)
+            arguments += [option.opts[0]] if option.is_flag else [option.opts[0], text]
+    return arguments
 
 
 def _given(context: click.Context, but_for: Sequence[str]) -> list[str]:
-    """The options on the command line, without those named `but_for`."""
-    options = [each for each in context.command.params if isinstance(each, click.Option) and each.name not in but_for]
+    """The names of the options on the command line, without those called `but_for`."""
+    return [option.opts[0] for option in _options(context, but_for)]
+
+
+def _options(context: click.Context, but_for: Sequence[str]) -> list[click.Option]:
     return [
-        each.opts[0]
-        for each in options
-        if each.name is not None and context.get_parameter_source(each.name) is ParameterSource.COMMANDLINE
+        each
+        for each in context.command.params
+        if isinstance(each, click.Option)
+        and each.name not in (None, *but_for)
+        and context.get_parameter_source(each.name or "") is ParameterSource.COMMANDLINE
     ]
 
 

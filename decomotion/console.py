@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import click
 
@@ -16,6 +17,8 @@ from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+ENDS_WITH_STDIN = "DECOMO_ENDS_WITH_STDIN"
+"""Environment variable: with it a command ends when its standard input is closed, as whoever began it has ended."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -28,6 +31,8 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
+    if os.environ.pop(ENDS_WITH_STDIN, None):
+        threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:
         with _threads_quiet_on_disk_failures():
             result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
@@ -55,6 +60,13 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         return INTERRUPTED
     return result if isinstance(result, int) else 0
+
+
+def _end_with_stdin() -> None:
+    with suppress(OSError, ValueError):
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+    os._exit(INTERRUPTED)
 
 
 @contextmanager

@@ -6,15 +6,16 @@ import logging
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 import yaml
 
-from decomotion import checkpoint, losses, shots
+from decomotion import checkpoint, losses, windows
 from decomotion.chance import first_weights
-from decomotion.checkpoint import ClipFacts
+from decomotion.checkpoint import Checkpoint, ClipFacts
 from decomotion.clip import Clip, read_clip
 from decomotion.config import Config
 from decomotion.config import load as load_config
@@ -24,8 +25,11 @@ from decomotion.device import choose_device
 from decomotion.errors import CheckpointError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
+from decomotion.long_clip import check_one_shot
 from decomotion.model.fusion import DecoMotion
 from decomotion.presets import AUTO_PRESET
+from decomotion.record import FILE_NAME as RECORD
+from decomotion.record import Record, read_record
 from decomotion.run import Run, Stopping, never
 from decomotion.schedule import Budget
 
@@ -75,48 +79,91 @@ def fit(
     clip = clip if isinstance(clip, Clip) else read_clip(clip)
     folder = Path(out) if out is not None else Path("runs") / clip.name
     where = torch.device(choose_device(device))
+    saved = record = None
     if resume:
-        run = _resumed(folder, clip, where, progress)
-    else:
+        saved, record = _left(folder, clip, where)
+    if record is None:
         config = config or load_config(AUTO_PRESET)
         losses.check(config.loss, config.model.volumes)
         if not ignore_cuts:
-            shots.check_one_shot(clip)
+            check_one_shot(clip)
         if time_budget is not None:
             data = affordable(clip, config.data, time_budget, seed=seed, rebuild=rebuild_cache)
             config = config.model_copy(update={"data": data})  # in the run's own, so that it finds these links again
-        pool = prepare(clip, config.data, seed=seed, rebuild=rebuild_cache, progress=progress, device=str(where))
-        run = _begun(folder, clip, config, pool, where, seed)
-    if not resume or steps is not None or time_budget is not None:
-        run.budget = Budget(steps or run.config.optim.steps, time_budget)
+        record = Record(clip.digest(), config, seed, Budget(steps or config.optim.steps, time_budget))
+    elif steps is not None or time_budget is not None:
+        record = replace(record, budget=Budget(steps or record.config.optim.steps, time_budget), finished=False)
     with _says_how_to_resume(folder):
+        with _recorded(record, folder):
+            options = {"seed": record.seed, "rebuild": rebuild_cache, "progress": progress, "device": str(where)}
+            pool = prepare(clip, record.config.data, **options)
+            run = _resumed(folder, saved, pool) if saved is not None else _begun(folder, clip, record, pool, where)
+        run.budget = record.budget
         run.loop(begin, progress, stopping)
+    record.finish(folder)
     return folder
 
 
-def _begun(folder: Path, clip: Clip, config: Config, pool: Pool, device: torch.device, seed: int) -> Run:
+def _left(folder: Path, clip: Clip, device: torch.device) -> tuple[Checkpoint | None, Record]:
+    """What the run in `folder` has left: its checkpoint, if it came to one, and what it was begun with.
+
+    A checkpoint that is not of the run that was begun last is of a former one. Raises `CheckpointError` where there is
+    neither, or the run is another clip's.
+    """
+    record, file = read_record(folder), folder / checkpoint.FILE_NAME
+    saved = checkpoint.load(file, device) if record is None or file.is_file() else None
+    if saved is not None:
+        of_saved = Record(saved.clip.digest, saved.config, saved.training["seed"], Budget(**saved.training["budget"]))
+        if record is None or replace(record, budget=of_saved.budget, finished=False) == of_saved:
+            record = of_saved
+        else:
+            saved = None
+    assert record is not None
+    if record.clip != clip.digest():
+        name = (
+            ""
+            if saved is None
+            else (f" ({saved.clip.name}, {saved.clip.num_frames} frames of {saved.clip.width}x{saved.clip.height})")
+        )
+        raise CheckpointError(f"{folder} was fitted to another clip{name}; give that clip, or another --out")
+    return saved, record
+
+
+@contextmanager
+def _recorded(record: Record, folder: Path) -> Iterator[None]:
+    """Keeps `run.json` and `config.yaml` from here on; where the block fails, the folder is as it was."""
+    files = [folder / name for name in (RECORD, "config.yaml")]
+    former = [file.read_bytes() if file.is_file() else None for file in files]
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        record.write(folder)
+        with replacing(files[1]) as file:
+            file.write_text(yaml.safe_dump(record.config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+        yield
+    except Exception:
+        for file, content in zip(files, former, strict=True):
+            file.unlink(missing_ok=True) if content is None else file.write_bytes(content)
+        for each in made:
+            with suppress(OSError):  # something is in it
+                each.rmdir()
+        raise
+
+
+def _begun(folder: Path, clip: Clip, record: Record, pool: Pool, device: torch.device) -> Run:
     """A run at its first step, in a folder of which all that was of a former run is gone."""
+    config = record.config
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)
-    (folder / shots.FILE_NAME).unlink(missing_ok=True)
-    with replacing(folder / "config.yaml") as file:
-        file.write_text(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
+    (folder / windows.FILE_NAME).unlink(missing_ok=True)
     starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
-    with first_weights(seed):
+    with first_weights(record.seed):
         model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, pool.feature_size)
-    return Run(folder, ClipFacts.of(clip), config, model.to(device), pool, seed)
+    return Run(folder, ClipFacts.of(clip), config, model.to(device), pool, record.seed)
 
 
-def _resumed(folder: Path, clip: Clip, device: torch.device, progress: bool) -> Run:
-    """The run in `folder` as its checkpoint has it. Raises `CheckpointError` where it is another clip's."""
-    saved = checkpoint.load(folder / checkpoint.FILE_NAME, device)
-    if saved.clip.digest != clip.digest():
-        raise CheckpointError(
-            f"{folder} was fitted to another clip ({saved.clip.name}, {saved.clip.num_frames} frames of "
-            f"{saved.clip.width}x{saved.clip.height}); give that clip, or another --out"
-        )
+def _resumed(folder: Path, saved: Checkpoint, pool: Pool) -> Run:
+    """The run in `folder` as its checkpoint has it."""
     seed = saved.training["seed"]
-    pool = prepare(clip, saved.config.data, seed=seed, progress=progress, device=str(device))
     run = Run(folder, saved.clip, saved.config, saved.model, pool, seed)
     run.restore(saved.training)
     return run

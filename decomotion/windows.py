@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -107,6 +108,8 @@ class Windows:
                 None if seconds is None else tuple(map(float, seconds)),
                 float(content["pixel_aspect"]),
             )
+        except error:
+            raise
         except OSError as cause:
             raise error(f"{file} cannot be read ({cause.strerror}); check its permissions") from cause
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as cause:
@@ -118,8 +121,8 @@ class Windows:
         bounds = [(window.begin, window.end) for window in self.windows]
         connected = all(one[0] < two[0] <= one[1] < two[1] for one, two in pairwise(bounds))
         whole = bounds and bounds[0][0] == 0 and bounds[-1][1] == self.num_frames and bounds[0][1] > 0
-        names = {window.name for window in self.windows}
-        plain = len(names) == len(bounds) and all(name == Path(name).name and name.strip(".") for name in names)
+        names = [window.name for window in self.windows]
+        plain = len(set(names)) == len(names) and all(re.fullmatch(r"window-[0-9]+", name, re.ASCII) for name in names)
         steps = None if self.seconds is None else np.diff(np.array([*self.seconds]))
         steady = steps is None or (len(steps) == self.num_frames - 1 and self.times[0] == 0 and bool((steps > 0).all()))
         positive = all(0 < each < math.inf for each in (self.height, self.width, self.fps, self.pixel_aspect))

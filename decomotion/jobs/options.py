@@ -12,6 +12,9 @@ from decomotion.jobs.engine import Engine, LocalEngine
 ENGINES = LOCAL, RAY = "local", "ray"
 """Where tasks run: this machine, or a Ray cluster."""
 
+ENGINE_OPTIONS = ("engine", "address", "jobs", "cpus_per_task", "gpus_per_task")
+"""Names of the arguments that a command gets."""
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

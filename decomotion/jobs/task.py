@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Protocol, runtime_checkable
 
+from decomotion.console import ENDS_WITH_STDIN
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -78,7 +80,10 @@ def run_stages(
 
 
 def _run(line: Sequence[str], output: BinaryIO | None, environment: Mapping[str, str]) -> int:
-    return subprocess.run(line, stdout=output, stderr=output, env=environment, check=False).returncode
+    """The exit code. Whatever ends this process ends the command too: its standard input, a pipe, is closed then."""
+    environment = {**environment, ENDS_WITH_STDIN: "1"}
+    with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=output, stderr=output, env=environment) as process:
+        return process.wait()
 
 
 def _why(stage: str, code: int, log: Path | None) -> str:

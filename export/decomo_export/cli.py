@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
-@click.argument("model", metavar="MODEL.onnx", type=click.Path(path_type=Path))
+@click.argument("model", metavar="MODEL.onnx|DIR", type=click.Path(path_type=Path))
 @click.option("--run", type=click.Path(path_type=Path), help="Folder of the run.  [default: the most recent in runs/]")
 @click.option(
     "--bake",
@@ -40,17 +40,28 @@ if TYPE_CHECKING:
 def command(model: Path, run: Path | None, bake: Bake, precision: Precision, force: bool) -> None:
     """Write MODEL.onnx from a run and compare it with torch.
 
-    Of a clip that was fitted with --shots split, write one model for each shot: MODEL-shot-000.onnx and so on.
+    Of a clip that was fitted as several windows MODEL is a folder, which the other commands take like a file.
     """
     from decomo_export.exporter import SUFFIX, export
     from decomotion.checkpoint import latest_run
-    from decomotion.outputs import check_output
-    from decomotion.shots import runs_of_shots
+    from decomotion.errors import OutputError
+    from decomotion.long_clip import read_windows
+    from decomotion.outputs import check_folder, check_output
+    from decomotion.windows import FILE_NAME
 
-    check_output("MODEL.onnx:", model, (SUFFIX,))
     folder = run if run is not None else latest_run()
-    shots = {model.with_stem(f"{model.stem}-{each.name}"): each for each in runs_of_shots(folder)}
-    for path, each in (shots or {model: folder}).items():
+    layout, runs = None, {model: folder}
+    if (folder / FILE_NAME).is_file():
+        layout, *_ = read_windows(folder)
+        if model.suffix == SUFFIX:
+            several = f"{folder} is of {len(layout.windows)} windows, a file each"
+            raise OutputError(f"{several}; give a folder for them, such as {model.with_suffix('')}")
+        check_folder("MODEL:", model)
+        (model / FILE_NAME).unlink(missing_ok=True)  # until all are there
+        runs = {model / f"{window.name}{SUFFIX}": folder / window.name for window in layout.windows}
+    else:
+        check_output("MODEL.onnx:", model, (SUFFIX,))
+    for path, each in runs.items():
         exported = export(path, each, bake=bake, precision=precision, force=force)
         click.echo(
             f"exported {exported.path} ({exported.bytes / 2**20:.1f} MiB); largest difference from torch: "
@@ -61,6 +72,9 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
                 f"{precision} weights move tracks by {exported.deviation.mean:.2g} px in the mean, "
                 f"{exported.deviation.p99:.2g} px at the 99th percentile"
             )
+    if layout is not None:
+        layout.save(model / FILE_NAME)
+        click.echo(f"wrote {model}, {layout.clip} in {len(layout.windows)} windows")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

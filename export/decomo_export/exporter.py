@@ -22,11 +22,10 @@ from decomo_export.lazy import compute_on_demand
 from decomo_export.parity import Parity, measure
 from decomo_export.precision import LIMIT_PIXELS, Deviation, Precision, deviation, reduce_precision
 from decomo_runtime import contract
-from decomotion import checkpoint
+from decomotion import checkpoint, windows
 from decomotion.checkpoint import Checkpoint, ClipFacts
 from decomotion.files import replacing
 from decomotion.model.readout import OBJECT_SHARE
-from decomotion.shots import runs_of_shots
 
 OCCLUSION_THRESHOLD = 0.5
 """The score is built so that 0.5 is the decision: see `ModelConfig.occlusion_scale`."""
@@ -69,14 +68,14 @@ def export(
             from torch by more than `parity.LIMIT_PIXELS`.
 
     Raises: `CheckpointError` where there is no run; `ExportError` where `path` is not named `.onnx`, the run is of
-        several shots or was stopped before its first step, or where the file disagrees with torch, or with float32 by
+        several windows or was stopped before its first step, or where the file disagrees with torch, or with float32 by
         more than is allowed; then nothing is written.
     """
     if Path(path).suffix.lower() != SUFFIX:
         raise ExportError(f"{path} must end in {SUFFIX}")
     folder = Path(run) if run is not None else checkpoint.latest_run()
-    if shots := runs_of_shots(folder):
-        raise ExportError(f"{folder} is of several shots; export one of {', '.join(map(str, shots))}")
+    if (folder / windows.FILE_NAME).is_file():
+        raise ExportError(f"{folder} is of several windows; export one of {folder / 'window-000'} and so on")
     loaded = checkpoint.load(folder / checkpoint.FILE_NAME)
     if loaded.training["step"] == 0:
         raise ExportError(

@@ -66,7 +66,7 @@ def test_a_place_that_cannot_be_written_is_found_first(
 
 def test_a_full_disk_of_the_cache(frames: Path, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
-    with writes_end_at(1000):
+    with writes_end_at(8192):
         assert f"Error: {tmp_path / 'cache'}" in refused([frames, "--steps", "2", *SET_TINY], capsys).splitlines()[-1]
 
 

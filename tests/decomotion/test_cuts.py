@@ -1,26 +1,21 @@
-"""Cuts are where two clips are joined, and nowhere else; a clip of several shots becomes several runs."""
+"""Cuts are where two clips are joined, and nowhere else."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
 import cv2
 import numpy as np
 import pytest
-import torch
 
-from decomotion import checkpoint, video
-from decomotion.cli import main
+from decomotion import video
 from decomotion.clip import Clip, read_clip
-from decomotion.config import load
 from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
-from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
+from decomotion.long_clip import check_one_shot
 from harness.incidents import INCIDENTS
-from tiny_fit import AFFINE, TINY_CPU, sliding_square, texture, write_frames
+from tiny_fit import sliding_square, texture, write_frames
 
 
 @pytest.fixture
@@ -140,126 +135,6 @@ class TestRealClips:
     def test_nor_where_something_happens(self, clips: dict[str, np.ndarray], name: str, incident: str):
         frames = clips[name][:24, 30:210]
         assert find_cuts(INCIDENTS[incident](frames, 10, np.random.default_rng(0))) == []
-
-
-class TestShots:
-    def test_they_make_up_the_clip(self, two_shots: Clip):
-        shots = shots_of(two_shots)
-        assert [(shot.name, shot.begin, shot.end) for shot in shots] == [("shot-000", 0, 8), ("shot-001", 8, 16)]
-
-    def test_one_frame_is_no_shot(self, two_shots: Clip):
-        with pytest.raises(ClipError, match="a shot of one frame, 8, and motion needs at least two"):
-            shots_of(Clip("two", two_shots.frames[:9], 24.0))
-
-    def test_a_flash_leaves_one(self):
-        frames = sliding_square(10).frames.copy()
-        frames[5] = np.clip(frames[5].astype(int) + 100, 0, 255)
-        frames[6] = 255
-        assert [(shot.begin, shot.end) for shot in shots_of(Clip("flash", frames, 24.0))] == [(0, 10)]
-
-    def test_each_is_fitted_as_a_clip_of_its_own(self, two_shots: Clip, tmp_path: Path):
-        fitted = []
-
-        def fit(part: Clip, folder: Path, share: float) -> Path:
-            fitted.append((part.name, len(part), share))
-            return folder
-
-        runs = each_shot(two_shots, tmp_path, fit)
-        assert fitted == [("two-shot-000", 8, 0.5), ("two-shot-001", 8, 0.5)]
-        assert runs == runs_of_shots(tmp_path) == [tmp_path / "shot-000", tmp_path / "shot-001"]
-        content = json.loads((tmp_path / "shots.json").read_text())
-        assert content["shots"][1] == {"name": "shot-001", "begin": 8, "end": 16}
-        assert runs_of_shots(tmp_path / "shot-000") == []
-
-
-class TestCommands:
-    SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]  # noqa: RUF012
-
-    @pytest.fixture(autouse=True)
-    def in_an_empty_folder_without_a_gpu(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-
-    @pytest.fixture
-    def folder(self, two_shots: Clip, tmp_path: Path) -> Path:
-        return write_frames(two_shots, tmp_path / "two")
-
-    def test_stop_and_ignore(self, folder: Path, capsys: pytest.CaptureFixture[str]):
-        assert main([str(folder), "--steps", "1", *self.SET_TINY]) == 2
-        assert "two cuts to another shot at frame 8" in capsys.readouterr().err
-        assert main([str(folder), "--steps", "1", "--shots", "ignore", *self.SET_TINY]) == 0
-        assert checkpoint.load(Path("runs/two/checkpoint.pt")).clip.num_frames == 16
-
-    @pytest.mark.slow
-    def test_split_resume_export_and_track(self, folder: Path, capsys: pytest.CaptureFixture[str]):
-        from decomo_export.cli import main as export
-        from decomo_runtime.cli import main as track
-
-        affine = [part for override in AFFINE for part in ("--set", override)]
-        assert main([str(folder), "--steps", "1", "--shots", "split", *self.SET_TINY, *affine]) == 0
-        assert "fitted two-shot-001 (8 frames of 120x84): runs/two/shot-001" in capsys.readouterr().out
-        Path("runs/two/shot-001/checkpoint.pt").unlink()
-        assert main([str(folder), "--steps", "2", "--shots", "split", "--resume"]) == 0
-        steps = [
-            checkpoint.load(run / checkpoint.FILE_NAME).training["step"] for run in runs_of_shots(Path("runs/two"))
-        ]
-        assert steps == [2, 2]
-
-        assert export(["two.onnx"]) == 0
-        assert sorted(path.name for path in Path().glob("*.onnx")) == ["two-shot-000.onnx", "two-shot-001.onnx"]
-        argv = [
-            "two-shot-001.onnx",
-            "--grid",
-            "8@0",
-            "--out",
-            "t.npz",
-            "--overlay",
-            "t.mp4",
-            "--clip",
-            f"{folder}@8:16",
-        ]
-        assert track(argv) == 0
-        assert Path("t.mp4").is_file()
-
-    def test_files_of_the_whole_clip_do_not_fit_its_shots(self, folder: Path, capsys: pytest.CaptureFixture[str]):
-        for option in ("--flow", "--masks", "--tracks"):
-            assert main([str(folder), "--shots", "split", option, str(folder)]) == 2
-            assert f"{option} with --shots split: files of the whole clip do not fit" in capsys.readouterr().err
-        assert not Path("runs").exists()
-
-    def test_a_run_of_the_whole_clip_takes_the_place_of_its_shots(self, folder: Path):
-        shots = Path("runs/two/shots.json")
-        shots.parent.mkdir(parents=True)
-        shots.write_text("{}")
-        assert main([str(folder), "--steps", "1", "--shots", "ignore", *self.SET_TINY]) == 0
-        assert not shots.exists()
-
-    def test_each_shot_has_the_default_time_and_all_share_what_is_given(
-        self, folder: Path, monkeypatch: pytest.MonkeyPatch
-    ):
-        asked: list[object] = []
-
-        def fit(part: Clip, out: Path, **options: object) -> Path:
-            asked.append(options["time_budget"])
-            return out
-
-        monkeypatch.setattr("decomotion.train.fit", fit)
-        assert main([str(folder), "--shots", "split"]) == 0
-        assert main([str(folder), "--shots", "split", "--time-budget", "4m"]) == 0
-        assert asked == [600, 600, 120, 120]
-        saved = SimpleNamespace(
-            config=load("cpu"), clip=SimpleNamespace(num_frames=8), training={"seed": 0, "budget": {"steps": 9}}
-        )
-        monkeypatch.setattr(checkpoint, "load", lambda _: saved)
-        for seconds in (600.0, 30.0):
-            saved.training["budget"]["seconds"] = seconds
-            asked.clear()
-            assert main([str(folder), "--shots", "split", "--resume"]) == 0
-            assert asked == [seconds, seconds]
-
-    def test_resume_without_a_run(self, folder: Path, capsys: pytest.CaptureFixture[str]):
-        assert main([str(folder), "--shots", "split", "--resume"]) == 2
-        assert "shot-000/checkpoint.pt does not exist" in capsys.readouterr().err
 
 
 class TestParts:

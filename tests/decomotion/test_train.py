@@ -27,8 +27,9 @@ from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.losses import LOSSES, Loss
 from decomotion.model.fusion import DecoMotion
 from decomotion.rays import sample_depths
+from decomotion.record import Record
 from decomotion.run import Run
-from decomotion.schedule import learning_rate_factor, longest_gap, value_at
+from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 from decomotion.train import fit, start_maps
 from interruption import Killed, ctrl_c, interruption, killed
 from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
@@ -73,6 +74,7 @@ class TestLearning:
         assert {file.name for file in tiny_run.iterdir()} == {
             "checkpoint.pt",
             "config.yaml",
+            "run.json",
             "tensorboard",
             "previews",
         }
@@ -372,7 +374,8 @@ class TestDevice:
 def run(tmp_path: Path) -> Run:
     config = tiny_config("cpu", "optim.smooth_share=0.25")
     pool = prepare(CLIP, config.data, progress=False)
-    return train._begun(tmp_path / "run", CLIP, config, pool, torch.device("cpu"), 0)
+    record = Record(CLIP.digest(), config, 0, Budget(1))
+    return train._begun(tmp_path / "run", CLIP, record, pool, torch.device("cpu"))
 
 
 def test_micro_batches_give_the_gradient_of_the_whole(run: Run):

@@ -32,6 +32,7 @@ from decomotion.errors import EngineError
 from decomotion.jobs import cluster
 from decomotion.jobs.cluster import ENVIRONMENT, RayEngine
 from decomotion.jobs.engine import Room, run_tasks
+from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome
 
 TRAIN = """
@@ -280,7 +281,7 @@ def test_a_folder_without_a_model_takes_other_options(bench: Bench) -> None:
 
 
 def test_two_runs_in_one_folder_are_kept_apart(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
-    with run._alone(Path("out")):
+    with alone(Path("out"), "decomo-bench", EvalError):
         assert bench() == 2
     assert "another decomo-bench is at work in out; wait for it" in capsys.readouterr().err
 

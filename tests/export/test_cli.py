@@ -110,10 +110,9 @@ class TestRefused:
         (elsewhere / checkpoint.FILE_NAME).write_bytes(b"half")
         assert "is damaged" in self.refused(["model.onnx", "--run", str(elsewhere)], capsys)
 
-    def test_several_shots_at_once(self, elsewhere: Path):
-        shot = {"name": "shot-000", "begin": 0, "end": 8}
-        (elsewhere / "shots.json").write_text(json.dumps({"clip": "two", "num_frames": 8, "shots": [shot]}))
-        with pytest.raises(ExportError, match=r"is of several shots; export one of .*shot-000"):
+    def test_several_windows_at_once(self, elsewhere: Path):
+        (elsewhere / "windows.json").touch()
+        with pytest.raises(ExportError, match=r"is of several windows; export one of .*window-000"):
             exporter.export(elsewhere / "model.onnx", elsewhere)
 
     def test_before_the_first_step(self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str]):

@@ -1,4 +1,4 @@
-"""Text that is read back: configurations, `shots.json` and `stage.json`."""
+"""Text that is read back: configurations, `windows.json`, `run.json` and `stage.json`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from decomotion import config
 from decomotion.data.stages import RECORD, Stage
 from decomotion.errors import CheckpointError, ConfigError
-from decomotion.shots import FILE_NAME, runs_of_shots
+from decomotion.windows import FILE_NAME, Windows
 from near_misses import answer, any_or_near, near_tree, plain_tree
 
 YAML = (Path(config.__file__).parent / "configs" / "cpu.yaml").read_bytes()
@@ -73,27 +74,29 @@ def test_overrides(key: str, value: str):
         assert all(map(math.isfinite, numbers(found.model_dump())))
 
 
-DEEP = [b"[" * 100_000, b'{"a":' * 100_000, b"9" * 5000, b"NaN", b"null", b"[]", b'"a"', b"{}", b'{"shots": 3}']
-SHOTS = {
-    **{"clip": "goat", "num_frames": 9},
-    "shots": [{"name": "shot-000", "begin": 0, "end": 4}, {"name": "shot-001", "begin": 4, "end": 9}],
+DEEP = [b"[" * 100_000, b'{"a":' * 100_000, b"9" * 5000, b"NaN", b"null", b"[]", b'"a"', b"{}", b'{"windows": 3}']
+WINDOWS = {
+    **{"format_version": 1, "clip": "goat", "num_frames": 9, "height": 40, "width": 28, "fps": 24.0},
+    "windows": [{"name": "window-000", "begin": 0, "end": 5}, {"name": "window-001", "begin": 4, "end": 9}],
+    **{"seconds": None, "pixel_aspect": 1.0},
 }
-PATHS = st.sampled_from(["", ".", "..", "../goat", "/tmp", "shot-000/..", "shot-0\n", "a\0b", -1, 10**30])
+PATHS = st.sampled_from(["", ".", "..", "../goat", "/tmp", "window-000/..", "window-0\n", "a\0b", -1, 10**30])
 
 
 @given(
     content=st.one_of(
-        any_or_near(json.dumps(SHOTS).encode()),
+        any_or_near(json.dumps(WINDOWS).encode()),
         st.sampled_from(DEEP),
-        near_tree(SHOTS, plain_tree() | PATHS).map(lambda tree: json.dumps(tree).encode()),
+        near_tree(WINDOWS, plain_tree() | PATHS).map(lambda tree: json.dumps(tree).encode()),
     )
 )
-def test_shots(place: Path, content: bytes):
+def test_windows(place: Path, content: bytes):
     (place / FILE_NAME).write_bytes(content)
-    runs = answer(lambda: runs_of_shots(place), CheckpointError)
-    for run in runs or ():
-        assert run.parent == place
-        assert run.name.startswith("shot-")
+    found = answer(lambda: Windows.load(place / FILE_NAME, CheckpointError), CheckpointError)
+    if found is not None:
+        assert [window.name.startswith("window-") for window in found.windows]
+        assert found.home(np.arange(min(found.num_frames, 99))).max() < len(found.windows)
+        assert len(found.times) == found.num_frames or found.num_frames > 99
 
 
 @given(data=st.data())

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
 from decomotion.files import replacing
 from decomotion.jobs.engine import Engine, LocalEngine, run_tasks
+from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome
 
 logger = logging.getLogger(__name__)
@@ -103,7 +104,7 @@ def bench(
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
     names = list(known if videos is None else videos)
     tasks = [VideoTask(name, out.absolute(), tuple(options), attempts) for name in names]
-    with _alone(out):
+    with alone(out, "decomo-bench", EvalError):
         _claim(out, {"dataset": dataset.name, "options": list(options), "resolution": resolution})
         outcomes, begin = [], time.monotonic()
         with (engine or LocalEngine()).start() as room:
@@ -155,22 +156,6 @@ class _Batch:
         outcome = replace(outcome, clip=self._clips[task.name], error=error)
         task.record(outcome)
         return outcome
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Keeps other runs out of the folder, where its file system has locks; `EvalError` where one is at work on it."""
-    out.mkdir(parents=True, exist_ok=True)
-    with open(out / ".bench.lock", "w") as file:
-        try:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise EvalError(f"another decomo-bench is at work in {out}; wait for it, or give another --out") from error
-        except (OSError, ModuleNotFoundError):  # no locks in this network folder, or none of this kind on this system
-            pass
-        yield
 
 
 def _claim(out: Path, settings: Mapping[str, Any]) -> None:
