@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,9 @@ from decomotion.options import Duration, Supervision, seed_option, supervision_o
 if TYPE_CHECKING:
     from decomotion.clip import Clip
     from decomotion.config import Config
+    from decomotion.windows import Windows
+
+log = logging.getLogger(__name__)
 
 DEFAULT_BUDGET = "10m"
 """Of each window."""
@@ -125,6 +129,7 @@ def command(
     from decomotion.long_clip import check_no_files, check_one_shot, fit_windows, read_windows, windows_of
     from decomotion.windows import FILE_NAME
 
+    config = None
     decided = _given(context, MAY_RESUME_WITH)
     each = _forwarded(context)
     if resume and (folder / FILE_NAME).is_file():
@@ -133,7 +138,6 @@ def command(
             raise ConfigError(_resume_refused(decided))
         each = begun_with
     else:
-        config = None
         if not resume or decided:
             config = supervision.config()
         if resume and config is not None and not _are_the_runs(folder, config, seed, rebuild_cache):
@@ -147,6 +151,8 @@ def command(
             by_default = config is not None and not resume and config.preset in MINUTES
             if by_default and time_budget is None and steps is None:
                 time_budget = Duration().convert(DEFAULT_BUDGET, None, None)
+            if not resume:
+                _announce(layout, steps, time_budget, 1)
             _fit_one(
                 frames,
                 folder,
@@ -162,7 +168,10 @@ def command(
         assert config is not None
         check_no_files(config.data)
 
-    engine = chosen_engine(**engine_choice)
+    engine, jobs = chosen_engine(**engine_choice), min(engine_choice["jobs"] or 1, len(layout.windows))
+    by_default = time_budget is None and steps is None and config is not None and config.preset in MINUTES
+    whole = Duration().convert(DEFAULT_BUDGET, None, None) * len(layout.windows) / jobs
+    _announce(layout, steps, whole if by_default else time_budget, jobs)
     fit_windows(
         clip,
         frames,
@@ -170,7 +179,7 @@ def command(
         folder,
         each,
         engine=engine,
-        jobs=engine_choice["jobs"] or 1,
+        jobs=jobs,
         steps=steps,
         time_budget=time_budget,
         longer=resume and (steps is not None or time_budget is not None),
@@ -179,6 +188,26 @@ def command(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
         f"windows: {folder}"
     )
+
+
+def _announce(layout: Windows, steps: int | None, seconds: float | None, jobs: int) -> None:
+    """Says what will be done and how long it will take, as far as that is known."""
+    count = len(layout.windows)
+    what = f"{layout.clip}: {layout.num_frames} frames of {layout.width}x{layout.height}"
+    if count > 1:
+        what += f" in {count} windows of up to {max(map(len, layout.windows))} frames, {jobs} at a time"
+    how_long = "as many steps as the preset has" if steps is None else f"{steps} steps"
+    if seconds is not None:
+        how_long = f"{_spoken(seconds)} in all" if count > 1 else _spoken(seconds)
+    log.info("%s; %s (--time-budget or --steps say otherwise)", what, how_long)
+
+
+def _spoken(seconds: float) -> str:
+    """`90 s`, `10 min`, `6 h 50 min`."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
 
 
 def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:

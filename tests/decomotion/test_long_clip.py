@@ -245,3 +245,21 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
     true = tracks.queries[:, None, 1:] - (tracks.frames - 3)[:, None] * np.array([1, 0])
     assert np.median(np.linalg.norm(tracks.xy - true, axis=-1)[seen]) < 1
     assert Path("t.mp4").is_file()
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        ([], "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 30 min in all ("),
+        (["--jobs", "2"], "up to 8 frames, 2 at a time; 15 min in all ("),
+        (["--jobs", "9", "--time-budget", "2h"], "up to 8 frames, 3 at a time; 2 h 0 min in all ("),
+        (["--steps", "5"], "1 at a time; 5 steps ("),
+        (["--preset", "paper"], "1 at a time; as many steps as the preset has ("),
+    ],
+)
+def test_what_will_be_done_is_said_first(
+    argv: list[str], said: str, frames: Path, calls: Path, caplog: pytest.LogCaptureFixture
+):
+    with caplog.at_level("INFO", logger="decomotion"):
+        assert main([str(frames), "--window", "8", *argv]) == 0
+    assert said in caplog.messages[0]
