@@ -26,6 +26,7 @@ from decomo_eval.errors import EvalError
 from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.predictions import Prediction
 from decomo_eval.tapvid import Queries, pixels_to_raster
+from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class Fields:
         estimate: the estimator.
     """
 
-    def __init__(self, frames: npt.NDArray[np.uint8], estimate: FlowEstimator) -> None:
+    def __init__(self, frames: AnyFrames, estimate: FlowEstimator) -> None:
         self._frames, self._estimate = frames, estimate
         self._kept: dict[tuple[int, int], npt.NDArray[np.float16]] = {}
 
