@@ -38,8 +38,6 @@ def decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterato
         for packet in container.demux(stream):
             if packet.size:
                 met.decode_times.append(None if packet.dts is None else float(packet.dts * packet.time_base))
-                if packet.is_keyframe and packet.pts is not None:
-                    met.entries[packet.pts] = packet.pts if packet.dts is None else packet.dts
             try:
                 frames = packet.decode()
             except FFmpegError as error:

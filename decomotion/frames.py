@@ -6,12 +6,11 @@ for `len`, `shape`, single frames, parts, or all in order, and gets the same fro
 
 from __future__ import annotations
 
-import operator
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from copy import copy
 from functools import lru_cache
-from typing import Any, overload
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -76,13 +75,13 @@ class Frames:
     @overload
     def __getitem__(self, key: slice) -> Frames: ...
     @overload
-    def __getitem__(self, key: int) -> Image: ...
-    def __getitem__(self, key: int | slice) -> Image | Frames:
+    def __getitem__(self, key: SupportsIndex) -> Image: ...
+    def __getitem__(self, key: SupportsIndex | slice) -> Image | Frames:
         if isinstance(key, slice):
             part = copy(self)  # which keeps frames together with it
             part._numbers = self._numbers[key]
             return part
-        frame = self._read(self._numbers[operator.index(key)])
+        frame = self._read(self._numbers[key])
         frame.flags.writeable = False
         return frame
 

@@ -40,8 +40,6 @@ class Met:
     """Whether each builds on no other."""
     decode_times: list[float | None] = field(default_factory=list)
     """Of each coded frame, in the file's order."""
-    entries: dict[int, int] = field(default_factory=dict)
-    """Of each coded key frame, when it is shown: when it is decoded, in the stream's unit."""
     losses: list[Loss] = field(default_factory=list)
     ended: bool = False
     """Whether the file was read to its end."""

@@ -154,8 +154,7 @@ class _Survey:
     def index(self, begin: int, met: Met, times_tell: bool) -> FrameIndex:
         """What was noted, by which the frames from `begin` on are found again."""
         pts = [each for each in self._pts if each is not None] if times_tell else None
-        numbers = {each: number for number, each in enumerate(pts or ())}
-        entries = sorted((numbers[shown], time) for shown, time in met.entries.items() if shown in numbers)
+        entries = [number for number, key in enumerate(met.keys) if key and pts is not None]
         height, width = next(iter(self.sizes), (0, 0))
         shape = (max(0, len(self._marks) - begin), height, width, 3)
         return FrameIndex(shape, begin, self.display, self._marks, pts, entries, self._greys)

@@ -48,8 +48,8 @@ class FrameIndex:
     """Checksum of each frame of the file, as far as it was read."""
     pts: list[int] | None
     """When each is shown, strictly increasing, in the stream's unit; None where that does not tell them apart."""
-    entries: list[tuple[int, int]]
-    """Key frames: number, and when it is decoded, in the same unit; ascending."""
+    entries: list[int]
+    """The key frames at which the file can be entered, ascending; none where `pts` is None."""
     greys: GreyFile | None
     """A small picture of each wanted frame; None where there was no room."""
 
@@ -63,7 +63,7 @@ class VideoFrames(Source):
         self.shape = index.shape
         self._file, self._stream, self._index = file, stream, index
         self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
-        self._entries = [entry for entry in index.entries if entry[0] > 0]
+        self._entries = [entry for entry in index.entries if entry > 0]
         self._container: InputContainer | None = None
         self._decoding: Iterator[VideoFrame] = iter(())
         self._next = 0
@@ -96,9 +96,9 @@ class VideoFrames(Source):
             return self._passed[number]
         behind = self._container is None or number < self._next
         for entry in self._entries_before(number):
-            if not behind and entry[0] <= self._next + NEAR:
+            if not behind and entry <= self._next + NEAR:
                 break
-            self._enter(*entry)
+            self._enter(entry)
             if self._decodes_to(number):
                 return self._passed[number]
             self._entries.remove(entry)  # leads elsewhere
@@ -110,9 +110,9 @@ class VideoFrames(Source):
             raise self._file.changed()
         return self._passed[number]
 
-    def _entries_before(self, number: int) -> list[tuple[int, int]]:
+    def _entries_before(self, number: int) -> list[int]:
         """The nearest first; one that leads elsewhere has another chance at most, before the file's beginning."""
-        place = bisect_right(self._entries, number, key=lambda entry: entry[0])
+        place = bisect_right(self._entries, number)
         return self._entries[max(0, place - TRIES) : place][::-1]
 
     def _decodes_to(self, number: int) -> bool:
@@ -159,10 +159,11 @@ class VideoFrames(Source):
         if self._next == len(self._index.marks):  # the last that is wanted
             self._close()
 
-    def _enter(self, number: int, decode_time: int) -> None:
+    def _enter(self, number: int) -> None:
+        assert self._index.pts is not None, "where times tell nothing there are no entries"
         container = self._container or self._open()
         stream = stream_at(container, self._stream)
-        container.seek(decode_time, stream=stream)
+        container.seek(self._index.pts[number], stream=stream)
         self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, number
 
     def _open(self) -> InputContainer:

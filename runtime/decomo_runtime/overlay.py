@@ -75,7 +75,7 @@ def draw_tracks(
 ) -> Iterator[Image]:
     """Yields, for each of `tracks.frames`, that frame of the clip with the tracks on it, RGB and of even size.
 
-    `frames` uint8 [T, H, W, 3] are those of the whole clip, of which one is read at a time; the rest is as for `Painter`.
+    `frames` uint8 [T, H, W, 3] are those of the whole clip, read one at a time; the rest is as for `Painter`.
     """
     painter = Painter(tracks, frames.shape[1:3], trail=trail, mark=mark, motion=motion)
     for column, frame in enumerate(tracks.frames):

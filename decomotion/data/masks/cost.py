@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from decomotion.data.masks.auto import auto_masks
 from decomotion.data.masks.evidence import NEIGHBOURS

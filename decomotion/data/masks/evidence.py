@@ -75,7 +75,7 @@ def in_units(frames: AnyFrames) -> npt.NDArray[np.uint8]:
     scale = 1 / unit(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])
+    return np.asarray([cv2.resize(frame, size, interpolation=how) for frame in frames], np.uint8)
 
 
 def motion_evidence(
