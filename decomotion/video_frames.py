@@ -60,16 +60,19 @@ class VideoFrames(Source):
     def __init__(self, file: SourceFile, stream: int, index: FrameIndex) -> None:
         from av.video.reformatter import VideoReformatter
 
+        self._container: InputContainer | None = None
         self.shape = index.shape
         self._file, self._stream, self._index = file, stream, index
         self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
         self._entries = [entry for entry in index.entries if entry > 0]
-        self._container: InputContainer | None = None
         self._decoding: Iterator[VideoFrame] = iter(())
         self._next = 0
         self._entered: int | None = None  # the key frame at which it was entered
         self._passed: dict[int, VideoFrame] = {}
         self._lock, self._converter = Lock(), VideoReformatter()
+
+    def __del__(self) -> None:  # PyAV's containers and streams hold each other
+        self._close()
 
     def read(self, number: int) -> Image:
         """The frame of that number, from 0 at `index.begin`. Raises `ClipError` where the file has changed."""
@@ -168,9 +171,13 @@ class VideoFrames(Source):
 
     def _open(self) -> InputContainer:
         import av
+        from av.error import FFmpegError
 
         self._close()
-        self._container = av.open(self._file.url)
+        try:
+            self._container = av.open(self._file.url)
+        except FFmpegError as error:
+            raise self._file.changed() from error
         stream = stream_at(self._container, self._stream)
         self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, None
         return self._container
