@@ -1,4 +1,4 @@
-"""A clip: frames of one size in order, read from a folder of images or from a video file. No torch.
+"""A clip: frames of one size in order, from a folder of images or a video file, read when asked for. No torch.
 
 Frames are RGB. Pixel centres lie at integers, frames are counted from 0 (`docs/conventions.md`).
 """
@@ -9,14 +9,16 @@ import hashlib
 import logging
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
-from decomotion.frame_files import frame_files, read_frames
-from decomotion.video import ROUNDING, read_video
+from decomotion.frame_files import frame_files, open_frames
+from decomotion.frames import AnyFrames, Frames
+from decomotion.video import ROUNDING, open_video
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +31,7 @@ class Clip:
 
     Args:
         name: the folder's or the file's name.
-        frames: uint8 [T, H, W, 3], RGB.
+        frames: RGB [T, H, W, 3]; an array uint8, mapped from a file too, or frames that are read when asked for.
         fps: of frames at an even rate; 24 where neither this nor `times` is given.
         times: instead, the seconds of each frame.
         pixel_aspect: width of a pixel over its height.
@@ -37,8 +39,8 @@ class Clip:
 
     name: str
     """The folder's or the file's name."""
-    frames: npt.NDArray[np.uint8]
-    """[T, H, W, 3], RGB."""
+    frames: AnyFrames
+    """RGB [T, H, W, 3]: those of files are read when asked for, and are not kept."""
     times: npt.NDArray[np.float64]
     """[T], seconds of each frame, from 0, strictly increasing; of a folder: index / 24."""
     pixel_aspect: float
@@ -47,7 +49,7 @@ class Clip:
     def __init__(
         self,
         name: str,
-        frames: npt.NDArray[np.uint8],
+        frames: AnyFrames,
         fps: float | None = None,
         *,
         times: npt.ArrayLike | None = None,
@@ -92,9 +94,20 @@ class Clip:
         return Clip(f"{self.name}-{name}", self.frames[begin:end], times=times, pixel_aspect=self.pixel_aspect)
 
     def digest(self) -> str:
-        """Hash of the frames' content, shape included: the key under which all that is derived from them is kept."""
+        """The key under which all that is derived from the frames is kept: 16 hexadecimal digits, made once.
+
+        Of an array it is a hash of the pixels, shape included; of frames in files one of the files' bytes and of which
+        frames they are. Raises `ClipError` where the files have changed.
+        """
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
+        if isinstance(self.frames, Frames):
+            return self.frames.digest()
         content = hashlib.sha256(repr(self.frames.shape).encode())
-        content.update(np.ascontiguousarray(self.frames).data)
+        for frame in self.frames:
+            content.update(np.ascontiguousarray(frame).data)
         return content.hexdigest()[:16]
 
 
@@ -117,14 +130,15 @@ def is_variable(times: npt.NDArray[np.float64]) -> bool:
 
 
 def read_clip(path: str | Path) -> Clip:
-    """Reads a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png) or a video file, upright.
+    """Opens a folder of frames (`clip/` or OmniMotion's `clip/color/`; jpg or png) or a video file.
 
-    With `@A:B` behind the path, the frames from A up to but without B, a shot of a longer video: the others are not
-    kept, and what follows is not decoded. Says in the log what a damaged video has lost, and where times, pixels or
-    values are not as usual (`docs/formats.md`).
+    Frames are upright, and read when they are asked for. A video is decoded once here, to count its frames.
+    With `@A:B` behind the path, the frames from A up to but without B, a shot of a longer video: what follows is not
+    decoded. Says in the log what a damaged video has lost, and where times, pixels or values are not as usual
+    (`docs/formats.md`).
 
     Raises `ClipError` where there are fewer than two frames, frames of different sizes, a file of a folder that does
-    not decode, or files that can be read as two clips or in two orders.
+    not decode as far as its header tells, or files that can be read as two clips or in two orders.
     """
     path, begin, end = _split(Path(path))
     if not path.exists():
@@ -132,16 +146,16 @@ def read_clip(path: str | Path) -> Clip:
     name = _folder_name(path) if path.is_dir() else path.stem
     if path.is_dir():
         files = frame_files(path)
-        frames, count, times, pixel_aspect = read_frames(files, begin, end), len(files), None, 1.0
+        frames, count, times, pixel_aspect = open_frames(files, begin, end), len(files), None, 1.0
     else:
-        video = read_video(path, begin, end)
+        video = open_video(path, begin, end)
         frames, count, times, pixel_aspect = video.frames, video.count, video.times, video.pixel_aspect
     if end is not None and count < end:
         raise ClipError(f"{name} has frames 0 to {count - 1}; @{begin}:{end} is not two or more of them")
     if len(frames) < 2:
         raise ClipError(f"{path} has one frame; motion needs at least two")
     name = name if end is None else f"{name}-{begin}-{end}"
-    clip = Clip(name, np.stack(frames), times=times, pixel_aspect=pixel_aspect)
+    clip = Clip(name, frames, times=times, pixel_aspect=pixel_aspect)
     if clip.pixel_aspect != 1:
         log.info(
             "%s has pixels %.4g times as wide as high; positions are in its own, %dx%d",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import cast
@@ -14,16 +16,19 @@ import numpy.typing as npt
 
 from decomotion.errors import ClipError
 from decomotion.frame_order import frame_order
-from decomotion.images import plausible
+from decomotion.frames import READING, Frames, Image, Source
+from decomotion.greys import SIDE, Grey, shrunk, size_of_grey
+from decomotion.images import Header, header, plausible
+from decomotion.source_file import SourceFile
 
 log = logging.getLogger(__name__)
 
-Image = npt.NDArray[np.uint8]
 AnyDepth = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras and renderers give to a value; 16-bit files hold any of them."""
+_REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -54,37 +59,74 @@ def frame_files(folder: Path) -> list[Path]:
     return files
 
 
-def frame_size(file: Path) -> tuple[int, int]:
-    """(width, height) of a frame as it is read."""
-    height, width = _read(file).shape[:2]
-    return width, height
-
-
-def read_frames(files: Sequence[Path], begin: int = 0, end: int | None = None) -> list[Image]:
+def open_frames(files: Sequence[Path], begin: int = 0, end: int | None = None) -> Frames:
     """The frames of `files[begin:end]`, RGB [H, W, 3], upright: an EXIF orientation is applied.
 
-    16-bit files become 8-bit by one scale for all of `files`, that of the fewest bits of `DEPTHS` that hold their
-    values. Raises `ClipError` where one does not decode, or differs in size.
+    Headers tell their sizes; what they do not tell is decoded at once, the rest when it is asked for. 16-bit files
+    become 8-bit by one scale for all of `files`, that of the fewest bits of `DEPTHS` that hold their values. Raises
+    `ClipError` where a file cannot be read, differs in size, or does not decode; by its header alone now, else then.
     """
     wanted = files[begin:end]
-    frames: list[AnyDepth] = []
-    for file in wanted:
-        frame = _read(file)
-        if frames and frame.shape != frames[0].shape:
+    told = [_header(file) for file in wanted]
+    first = told[0] if told else Header(0, 0, 8)
+    for file, each in zip(wanted, told, strict=True):
+        if (each.height, each.width) != (first.height, first.width):
             raise ClipError(
-                f"frame {file} is {frame.shape[1]}x{frame.shape[0]} but {wanted[0].name} is "
-                f"{frames[0].shape[1]}x{frames[0].shape[0]}; bring all frames to one size"
+                f"frame {file} is {each.width}x{each.height} but {wanted[0].name} is {first.width}x{first.height}; "
+                "bring all frames to one size"
             )
-        frames.append(frame)
-    if all(frame.dtype == np.uint8 for frame in frames):
-        return cast(list[Image], frames)
-    others = (_read(file) for number, file in enumerate(files) if number not in range(len(files))[begin:end])
-    bits = _bits(chain(frames, others))
-    if bits < DEPTHS[-1]:
-        log.warning("the values in %s need %d of 16 bits and are scaled as such", wanted[0].parent, bits)
-    for number, frame in enumerate(frames):  # one at a time: both kinds at once would take half as much again
-        frames[number] = in_8_bits(frame, bits)
-    return cast(list[Image], frames)
+    bits = None
+    if any(each.bits > 8 for each in told):
+        others = (file for number, file in enumerate(files) if number not in range(len(files))[begin:end])
+        bits = _bits(_read(file) for file in chain(wanted, others))
+        if bits < DEPTHS[-1]:
+            log.warning("the values in %s need %d of 16 bits and are scaled as such", wanted[0].parent, bits)
+    return Frames(_FrameFiles(wanted, first, bits))
+
+
+class _FrameFiles(Source):
+    """Files of frames of one size; `bits` of 16 hold the values of those of 16, None where there are none."""
+
+    def __init__(self, files: Sequence[Path], header: Header, bits: int | None) -> None:
+        self._files, self._bits = [_source(file) for file in files], bits
+        self.shape = (len(files), header.height, header.width, 3)
+
+    def read(self, number: int) -> Image:
+        file = self._files[number]
+        file.check()
+        frame = _read(file.path)
+        if frame.shape != self.shape[1:]:
+            raise file.changed()
+        return in_8_bits(frame, self._bits or DEPTHS[-1])
+
+    def grey(self, number: int) -> Grey:
+        file = self._files[number]
+        file.check()
+        reduced = _reduced_jpeg(file.path.read_bytes(), max(self.shape[1:3]))
+        return super().grey(number) if reduced is None else shrunk(reduced, size_of_grey(*self.shape[1:3]))
+
+    def digest(self, numbers: range) -> str:
+        content = hashlib.sha256(f"frames in files {READING} {self.shape[1:3]} {self._bits}".encode())
+        for number in numbers:
+            content.update(self._files[number].digest.encode())
+        return content.hexdigest()[:16]
+
+
+def _header(file: Path) -> Header:
+    content = _content(file)
+    told = header(content) if plausible(content) else None
+    if told is None:
+        frame = _decoded(file, content)
+        told = Header(*frame.shape[:2], bits=8 * frame.dtype.itemsize)
+    return told
+
+
+def _reduced_jpeg(content: bytes, longer_side: int) -> Image | None:
+    """A JPEG in grey, 2, 4 or 8 times smaller, which is decoded faster, but not below `SIDE`; None of other files."""
+    factor = max((factor for factor in _REDUCED if factor * SIDE <= longer_side), default=None)
+    if factor is None or content[:2] != b"\xff\xd8":
+        return None
+    return cast(Image | None, cv2.imdecode(np.frombuffer(content, np.uint8), _REDUCED[factor]))
 
 
 def in_8_bits(frame: AnyDepth, bits: int = DEPTHS[-1]) -> Image:
@@ -109,11 +151,30 @@ def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
     return cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
 
 
-def _read(file: Path) -> AnyDepth:
+def _source(file: Path) -> SourceFile:
+    with _telling(file):
+        return SourceFile(file)
+
+
+def _content(file: Path) -> bytes:
+    with _telling(file):
+        return file.read_bytes()
+
+
+@contextmanager
+def _telling(file: Path) -> Iterator[None]:
     try:
-        frame = decode_frame(file.read_bytes())
+        yield
     except OSError as error:
         raise ClipError(f"frame {file} cannot be read ({error.strerror}); replace it or remove it") from error
+
+
+def _read(file: Path) -> AnyDepth:
+    return _decoded(file, _content(file))
+
+
+def _decoded(file: Path, content: bytes) -> AnyDepth:
+    frame = decode_frame(content)
     if frame is None:
         raise ClipError(f"frame {file} does not decode as an image; replace it or remove it")
     return frame

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -15,6 +16,8 @@ PIXELS_PER_BYTE = 8 * 1032
 """Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
 HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
 """Markers of a JPEG's size where that holds."""
+EXIF, ORIENTATION, LAST_UPRIGHT = 0xE1, 0x112, 4
+"""Marker of EXIF in a JPEG, its tag of how the picture lies, and its last value that leaves height and width."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
 
 
@@ -29,33 +32,94 @@ def jpeg(image: npt.NDArray[np.uint8], quality: int, full_colour: bool = False) 
     return _encoded(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality, *sampling))
 
 
+@dataclass(frozen=True)
+class Header:
+    """What an image file says of its picture."""
+
+    height: int
+    """As it is to be shown: an orientation is applied; as is `width`."""
+    width: int
+    bits: int
+    """Of a value, 8 or 16."""
+
+
+def header(content: bytes) -> Header | None:
+    """Of a whole PNG or JPEG file; None where it is another, is cut short, or says what few do: decode it then."""
+    try:
+        if content[12:16] == b"IHDR":
+            return _header_of_png(content)
+        return _header_of_jpeg(content) if content[:2] == b"\xff\xd8" else None
+    except (struct.error, IndexError):  # a part that ends behind the file
+        return None
+
+
 def plausible(content: bytes) -> bool:
     """Whether what a PNG or JPEG file says of its size can be in so few bytes; True for other files."""
     try:
         if content[12:16] == b"IHDR":
-            return _plausible_png(content)
+            _ = tuple(_chunks(content))  # to its end, or an error
+            width, height = struct.unpack_from(">II", content, 16)
+            return width * height <= PIXELS_PER_BYTE * len(content)
         return content[:2] != b"\xff\xd8" or _plausible_jpeg(content)
     except (struct.error, IndexError):  # a part that ends behind the file
         return False
 
 
-def _plausible_png(content: bytes) -> bool:
-    width, height = struct.unpack_from(">II", content, 16)
-    place = 8
-    while content[place + 4 : place + 8] != b"IEND":  # chunks: length, kind, content, checksum
-        place += 12 + struct.unpack_from(">I", content, place)[0]
-    return width * height <= PIXELS_PER_BYTE * len(content)
-
-
 def _plausible_jpeg(content: bytes) -> bool:
-    place = 2
-    while content[place] == 0xFF:  # segments: marker, length, content
-        marker, length = struct.unpack_from(">xBH", content, place)
+    for marker, place in _segments(content):
         if marker in HUFFMAN_FRAMES:
-            height, width = struct.unpack_from(">HH", content, place + 5)
+            height, width = struct.unpack_from(">HH", content, place + 1)
             return width * height <= PIXELS_PER_BYTE * len(content)
-        place += 2 + length
     return True
+
+
+def _header_of_png(content: bytes) -> Header | None:
+    if b"eXIf" in _chunks(content):
+        return None
+    width, height, bits = struct.unpack_from(">IIB", content, 16)
+    return Header(height, width, max(8, bits))
+
+
+def _header_of_jpeg(content: bytes) -> Header | None:
+    turned = False
+    for marker, place in _segments(content):
+        if marker == EXIF and content[place : place + 6] == b"Exif\0\0":
+            turned = turned or _orientation(content[place + 6 :]) > LAST_UPRIGHT
+        if marker in HUFFMAN_FRAMES:
+            bits, height, width = struct.unpack_from(">BHH", content, place)
+            if bits != 8 or not height or content.rfind(b"\xff\xd9") < place:  # its end
+                return None
+            return Header(width, height, bits) if turned else Header(height, width, bits)
+    return None
+
+
+def _orientation(exif: bytes) -> int:
+    """What EXIF's first directory says of it, 1 to 8; 1 where it says nothing."""
+    order = "<" if exif[:2] == b"II" else ">"
+    (place,) = struct.unpack_from(f"{order}I", exif, 4)
+    (entries,) = struct.unpack_from(f"{order}H", exif, place)
+    for entry in range(place + 2, place + 2 + 12 * entries, 12):
+        tag, _, _, value = struct.unpack_from(f"{order}HHIH", exif, entry)
+        if tag == ORIENTATION:
+            return value
+    return 1
+
+
+def _chunks(content: bytes) -> Iterator[bytes]:
+    """The kinds of a PNG's chunks up to its end: each is length, kind, content, checksum."""
+    place = 8
+    while (kind := content[place + 4 : place + 8]) != b"IEND":
+        yield kind
+        place += 12 + struct.unpack_from(">I", content, place)[0]
+
+
+def _segments(content: bytes) -> Iterator[tuple[int, int]]:
+    """The markers of a JPEG's segments before its picture, and where their content begins."""
+    place = 2
+    while content[place] == 0xFF:  # marker, length, content
+        marker, length = struct.unpack_from(">xBH", content, place)
+        yield marker, place + 4
+        place += 2 + length
 
 
 def _encoded(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int]) -> bytes:

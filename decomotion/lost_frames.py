@@ -41,6 +41,8 @@ class Met:
     decode_times: list[float | None] = field(default_factory=list)
     """Of each coded frame, in the file's order."""
     losses: list[Loss] = field(default_factory=list)
+    ended: bool = False
+    """Whether the file was read to its end."""
     unread: int = 0
     """Frames that the file announces and that never came: it ends before them."""
 

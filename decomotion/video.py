@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -16,30 +16,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.decoding import Display, decoded, mark, stream_at
 from decomotion.errors import ClipError
-from decomotion.lost_frames import Loss, Met, lost_frames
+from decomotion.frames import Frames
+from decomotion.greys import SIDE, Grey, GreyFile, small_grey
+from decomotion.lost_frames import Met, lost_frames
+from decomotion.source_file import SourceFile
+from decomotion.video_frames import FrameIndex, VideoFrames
 
 if TYPE_CHECKING:
-    from av import Packet, VideoFrame
+    from av import VideoFrame
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
 log = logging.getLogger(__name__)
 
-Image = npt.NDArray[np.uint8]
-
 FALLBACK_RATE = 24.0
 """Frames a second of a file that says nothing of it."""
 ROUNDING = 1e-3
 """Seconds by which a container may round the time of a frame: Matroska has whole milliseconds."""
+_REDUCED = 4
+"""Times `SIDE`, to which frames are brought before their pixels are averaged without rounding."""
 
 
 @dataclass(frozen=True)
 class VideoFile:
-    """What was read of a video file."""
+    """What an opened video file holds."""
 
-    frames: list[Image]
-    """RGB [H, W, 3], from `begin` up to but without `end`."""
+    frames: Frames
+    """RGB [T, H, W, 3], from `begin` up to but without `end`, decoded when asked for."""
     times: npt.NDArray[np.float64]
     """Seconds of each, from 0."""
     pixel_aspect: float
@@ -48,8 +53,8 @@ class VideoFile:
     """How many frames there are before `end`."""
 
 
-def read_video(path: Path, begin: int, end: int | None) -> VideoFile:
-    """Reads the frames from `begin` up to but without `end`; None: all.
+def open_video(path: Path, begin: int, end: int | None) -> VideoFile:
+    """Opens the frames from `begin` up to but without `end`; None: all. They are decoded once, and none is kept.
 
     Of several video streams it is that which the container holds to be the best, and none that is a picture. Raises
     `ClipError` where there is none, nothing decodes, or frames are of several sizes.
@@ -57,14 +62,13 @@ def read_video(path: Path, begin: int, end: int | None) -> VideoFile:
     import av
     from av.error import FFmpegError
 
-    url = f"file:{path.absolute()}"  # without it, a colon in a name would end that of a protocol
-    video = None
+    video, file = None, SourceFile(path)
     try:
-        with av.open(url) as container:
+        with av.open(file.url) as container:
             streams = _streams(container)
         for index in streams:
-            with av.open(url) as container:
-                video = _read(path, container, index, begin, end)
+            with av.open(file.url) as container:
+                video = _opened(file, container, index, begin, end)
             if video.count > 1:
                 break
     except FFmpegError as error:
@@ -75,8 +79,6 @@ def read_video(path: Path, begin: int, end: int | None) -> VideoFile:
         raise ClipError(f"{path} has no video stream; give a video file or a folder of frames")
     if not video.count:
         raise ClipError(f"{path} has a video stream without frames; give another file")
-    if len({frame.shape for frame in video.frames}) > 1:
-        raise ClipError(f"{path} changes its frame size on the way; bring all frames to one size")
     return video
 
 
@@ -92,50 +94,70 @@ def _streams(container: InputContainer) -> list[int]:
     ]
 
 
-def _read(path: Path, container: InputContainer, index: int, begin: int, end: int | None) -> VideoFile:
-    stream = next(stream for stream in container.streams.video if stream.index == index)
-    met = Met()
-    frames, turned = [], False
-    for number, frame in enumerate(islice(_decoded(container, stream, met), end)):
+def _opened(file: SourceFile, container: InputContainer, index: int, begin: int, end: int | None) -> VideoFile:
+    stream, met, survey = stream_at(container, index), Met(), _Survey()
+    for number, frame in enumerate(islice(decoded(container, stream, met), end)):
+        survey.count(frame)
         if number >= begin:
-            upright, turned = _upright(frame)
-            frames.append(upright)
-    times = _times(path.name, container, stream, met)
+            survey.look(frame)
+            if len(survey.sizes) > 1:
+                raise ClipError(f"{file.shown} changes its frame size on the way; bring all frames to one size")
+    met.unread = _unread(container, stream, met) if met.ended else 0
+    told = _own_times(container, stream, met)
+    times = _times(file.shown.name, stream, met, told)
+    frames = VideoFrames(file, index, survey.index(begin, met, told is not None))
     aspect = float(stream.sample_aspect_ratio or 1)
-    return VideoFile(frames, times[begin:] - times[begin:][:1], 1 / aspect if turned else aspect, len(times))
+    aspect = 1 / aspect if survey.display.is_turned else aspect
+    return VideoFile(Frames(frames), times[begin:] - times[begin:][:1], aspect, len(times))
 
 
-def _decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterator[VideoFrame]:
-    """The frames that decode; `met` tells of them and of the others. Raises PyAV's error where none does."""
-    from av.error import FFmpegError
+class _Survey:
+    """What is noted of the frames while they are counted."""
 
-    failure = None
-    try:
-        for packet in container.demux(stream):
-            if packet.size:
-                met.decode_times.append(None if packet.dts is None else float(packet.dts * packet.time_base))
+    def __init__(self) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self.sizes: set[tuple[int, int]] = set()
+        """(height, width) of the wanted frames, as they are shown."""
+        self.display = Display()
+        self._marks: list[int] = []
+        self._pts: list[int | None] = []
+        self._converter = VideoReformatter()
+        self._greys: GreyFile | None = None
+        with suppress(OSError):  # no room for temporary files: whoever wants small pictures makes them
+            self._greys = GreyFile()
+
+    def count(self, frame: VideoFrame) -> None:
+        """Notes by what a frame is found again."""
+        if not self._marks:
+            self.display = Display.of(frame)
+        self._marks.append(mark(frame))
+        self._pts.append(frame.pts)
+
+    def look(self, frame: VideoFrame) -> None:
+        """Notes what a wanted frame is like."""
+        size = (frame.height, frame.width)
+        self.sizes.add(size[::-1] if self.display.is_turned else size)
+        if self._greys is not None:
             try:
-                decoded = packet.decode()
-            except FFmpegError as error:
-                failure = failure or error
-                met.losses.append(Loss(len(met.times), _seconds(packet)))
-                continue
-            for frame in decoded:
-                if frame.is_corrupt:
-                    met.losses.append(Loss(len(met.times), frame.time))
-                else:
-                    met.times.append(frame.time)
-                    met.keys.append(frame.key_frame)
-                    yield frame
-    except FFmpegError as error:  # the file ends here: for ffmpeg too
-        failure = failure or error
-    if failure is not None and not met.times:
-        raise failure
-    met.unread = _unread(container, stream, met)
+                self._greys.add(self._small(frame))
+            except OSError:
+                self._greys = None
 
+    def _small(self, frame: VideoFrame) -> Grey:
+        """As `small_grey`, without a picture of full size in between."""
+        scale = min(1.0, _REDUCED * SIDE / max(frame.height, frame.width))
+        size = {"width": max(1, round(frame.width * scale)), "height": max(1, round(frame.height * scale))}
+        grey = self._converter.reformat(frame, **size, format="gray", interpolation="AREA").to_ndarray()
+        return small_grey(self.display.upright(np.asarray(grey, np.uint8)))
 
-def _seconds(packet: Packet) -> float | None:
-    return None if packet.pts is None else float(packet.pts * packet.time_base)
+    def index(self, begin: int, met: Met, times_tell: bool) -> FrameIndex:
+        """What was noted, by which the frames from `begin` on are found again."""
+        pts = [each for each in self._pts if each is not None] if times_tell else None
+        entries = [number for number, key in enumerate(met.keys) if key and pts is not None]
+        height, width = next(iter(self.sizes), (0, 0))
+        shape = (max(0, len(self._marks) - begin), height, width, 3)
+        return FrameIndex(shape, begin, self.display, self._marks, pts, entries, self._greys)
 
 
 def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:
@@ -152,16 +174,21 @@ def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:
     return round(missing / np.median(steps)) - 1 if missing > 1.5 * steps.max() else 0
 
 
-def _times(name: str, container: InputContainer, stream: VideoStream, met: Met) -> npt.NDArray[np.float64]:
-    """Seconds of the frames from 0: their own, else even ones. Says what is lost or assumed."""
+def _own_times(container: InputContainer, stream: VideoStream, met: Met) -> npt.NDArray[np.float64] | None:
+    """Seconds of the frames as the file has them, strictly increasing; None where it does not say them."""
     times = np.array(met.times, np.float64)  # None becomes nan
-    own = container.format.name != "avi" or not stream.codec_context.has_b_frames  # AVI has but an order to decode in
-    if own and len(times) and not np.isnan(times).any() and (np.diff(times) > 0).all():
-        times = _on_grid(times - times[0], float(stream.guessed_rate or FALLBACK_RATE))
+    told = container.format.name != "avi" or not stream.codec_context.has_b_frames  # AVI has but an order to decode in
+    return times if told and not np.isnan(times).any() and (np.diff(times) > 0).all() else None
+
+
+def _times(name: str, stream: VideoStream, met: Met, own: npt.NDArray[np.float64] | None) -> npt.NDArray[np.float64]:
+    """Seconds of the frames from 0: their own, else even ones. Says what is lost or assumed."""
+    if own is not None and len(own):
+        times = _on_grid(own - own[0], float(stream.guessed_rate or FALLBACK_RATE))
         lost = lost_frames(name, met, times)
     else:
         rate = _stated_rate(stream, met)
-        times = np.arange(len(times)) / rate
+        times = np.arange(len(met.times)) / rate
         log.warning("%s does not say when its frames are shown: they are taken to be even, %.6g a second", name, rate)
         lost = lost_frames(name, met, None)
     if lost is not None:
@@ -182,18 +209,3 @@ def _on_grid(times: npt.NDArray[np.float64], rate: float) -> npt.NDArray[np.floa
     """Times at the rate that the file states where they are those but for the container's rounding."""
     exact = np.round(times * rate) / rate
     return exact if np.abs(times - exact).max() <= min(ROUNDING, 0.1 / rate) else times
-
-
-def _upright(frame: VideoFrame) -> tuple[Image, bool]:
-    """The frame as a player shows it, and whether its sides changed places.
-
-    Phones store portrait video lying down, some front cameras mirrored, with a display matrix beside it.
-    """
-    image = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
-    matrix = frame.side_data.get("DISPLAYMATRIX")
-    if matrix is None:
-        return image, False
-    (x_of_x, y_of_x, _), (x_of_y, y_of_y, _), _ = np.frombuffer(matrix, np.int32).reshape(3, 3).tolist()
-    if turned := abs(x_of_y) > abs(x_of_x):
-        image, x_of_x, y_of_y = image.swapaxes(0, 1), x_of_y, y_of_x
-    return image[:: -1 if y_of_y < 0 else 1, :: -1 if x_of_x < 0 else 1], turned

@@ -29,6 +29,7 @@ GROUND_FLOOR = [
     "decomotion.errors",
     "decomotion.files",
     "decomotion.frame_files",
+    "decomotion.frames",
     "decomotion.images",
     "decomotion.jobs",
     "decomotion.outputs",

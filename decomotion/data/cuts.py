@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from statistics import median
 
-import numpy as np
-import numpy.typing as npt
-
 from decomotion.data.likeness import Structure, likeness, structure_of
+from decomotion.frames import AnyFrames, Frames
+from decomotion.greys import small_grey
 
 LIKE = 0.04
 """Frames of one shot have at least this share of their structure in common."""
@@ -20,10 +20,12 @@ DIP = 0.85
 """A blend of two shots is alike to one of its neighbours by less than this share of what is usual."""
 REACH = 6
 """Frames between two that are compared at most: a flash, or an object before the lens, is over by then."""
+KEPT = 32
+"""Frames whose structure is kept: more than are compared with each other at a time."""
 
 
-def find_cuts(frames: npt.NDArray[np.uint8]) -> list[int]:
-    """The first frame of each shot but the first, ascending; `frames` are [T, H, W, 3] RGB, read once, in order.
+def find_cuts(frames: AnyFrames) -> list[int]:
+    """The first frame of each shot but the first, ascending; `frames` are [T, H, W, 3] RGB, of which few are kept.
 
     A cut is where no frame shortly before goes together with one shortly after (`likeness.py`). A frame between, a
     blend of both or like neither, belongs to the shot that it is more like. What is over after `REACH` frames is no
@@ -33,22 +35,33 @@ def find_cuts(frames: npt.NDArray[np.uint8]) -> list[int]:
     So dissolves over more than a frame, and shots of a frame or two in a row, are not found; nor are all cuts between
     frames whose longer side has less than about 100 pixels, which are alike by chance.
     """
-    shown = [(number, structure_of(frame)) for number, frame in enumerate(frames)]
-    numbers = [number for number, structure in shown if structure is not None]
-    clip = _Structures([structure for _, structure in shown if structure is not None])
+    clip = _Structures(frames)
     broken = {place for place in range(clip.num_steps) if clip.breaks_at(place)}
     broken |= {clip.weaker_step(odd) for odd in range(1, clip.num_steps) if clip.is_blend(odd)}
-    return [numbers[place + 1] for place in _one_of_each_row(sorted(broken), clip.steps)]
+    return [clip.numbers[place + 1] for place in _one_of_each_row(sorted(broken), clip.steps)]
 
 
 class _Structures:
     """Of the frames that have one. Step n leads from frame n to the next."""
 
-    def __init__(self, structures: Sequence[Structure]) -> None:
-        self._structures = structures
+    def __init__(self, frames: AnyFrames) -> None:
+        self._frames = frames
+        self._structure = lru_cache(KEPT)(self._made)
         self._known: dict[tuple[int, int], float] = {}
-        self.num_steps = max(0, len(structures) - 1)
-        self.steps = [self._likeness(place, place + 1) for place in range(self.num_steps)]
+        self.numbers: list[int] = []
+        """Of these frames among all."""
+        self.steps: list[float] = []
+        """The likeness of each step."""
+        for number in range(len(frames)):
+            if self._structure(number) is not None:
+                self.numbers.append(number)
+                if len(self.numbers) > 1:
+                    self.steps.append(self._likeness(len(self.numbers) - 2, len(self.numbers) - 1))
+        self.num_steps = len(self.steps)
+
+    def _made(self, number: int) -> Structure | None:
+        frames = self._frames
+        return structure_of(frames.grey(number) if isinstance(frames, Frames) else small_grey(frames[number]))
 
     def breaks_at(self, place: int) -> bool:
         """Whether nothing leads across a step."""
@@ -77,13 +90,18 @@ class _Structures:
         return any(
             self._likeness(first, first + gap) >= least
             for gap in range(after - before, after - before + REACH + 1)
-            for first in range(max(0, after - gap), min(before + 1, len(self._structures) - gap))
+            for first in range(max(0, after - gap), min(before + 1, len(self.numbers) - gap))
         )
 
     def _likeness(self, first: int, second: int) -> float:
         if (first, second) not in self._known:
-            self._known[first, second] = likeness(self._structures[first], self._structures[second])
+            self._known[first, second] = likeness(self._at(first), self._at(second))
         return self._known[first, second]
+
+    def _at(self, place: int) -> Structure:
+        structure = self._structure(self.numbers[place])
+        assert structure is not None, "frames without structure are not numbered"
+        return structure
 
 
 def _one_of_each_row(broken: Sequence[int], steps: Sequence[float]) -> list[int]:

@@ -13,10 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-SIDE = 160
-"""Pixels of the longer side at most."""
-LEAST_SIDE = 24
-"""Pixels of the shorter side at least: flow needs them."""
+from decomotion.greys import Grey
+
 SURROUND = 6.0
 """Standard deviation, in pixels, of the neighbourhood whose mean and contrast are divided out."""
 SOFTNESS = 0.25
@@ -58,12 +56,8 @@ class Structure:
         return places, np.zeros((0, 128), np.float32) if descriptors is None else np.asarray(descriptors, np.float32)
 
 
-def structure_of(frame: npt.NDArray[np.uint8]) -> Structure | None:
-    """Of a frame [H, W, 3] RGB; None where it has none."""
-    scale = min(1.0, SIDE / max(frame.shape[:2]))
-    height, width = (max(LEAST_SIDE, round(side * scale)) for side in frame.shape[:2])
-    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    grey = np.asarray(cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+def structure_of(grey: Grey) -> Structure | None:
+    """Of a frame as `greys.small_grey` makes it; None where it has none."""
     detail = grey - _blurred(grey, SURROUND)
     contrast = float(detail.std())
     if contrast < LEAST_CONTRAST:

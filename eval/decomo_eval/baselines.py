@@ -13,7 +13,6 @@ trainer's and are imported when a baseline is made: the rest of the toolkit does
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -26,6 +25,7 @@ from decomo_eval.errors import EvalError
 from decomo_eval.names import BASELINES, FLOWS
 from decomo_eval.predictions import Prediction
 from decomo_eval.tapvid import Queries, pixels_to_raster
+from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Fields:
         estimate: the estimator.
     """
 
-    def __init__(self, frames: npt.NDArray[np.uint8], estimate: FlowEstimator) -> None:
+    def __init__(self, frames: AnyFrames, estimate: FlowEstimator) -> None:
         self._frames, self._estimate = frames, estimate
         self._kept: dict[tuple[int, int], npt.NDArray[np.float16]] = {}
 
@@ -159,7 +159,7 @@ def intervals(data: DataConfig, num_frames: int) -> tuple[int, ...]:
     """The gaps of the fit's supervision where time does not matter."""
     from decomotion.data.links.intervals import choose_intervals
 
-    return choose_intervals(data.flow, num_frames, data.pool.max_gap, seconds_per_field=1.0, budget=math.inf)
+    return choose_intervals(data.flow, num_frames, data.pool.max_gap, affordable=lambda _: True)
 
 
 METHODS: dict[str, Callable[[npt.NDArray[np.float32], Fields, DataConfig], Tracked]] = {

@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,8 @@ from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_runtime.layouts import RASTER_SIZE
 from decomotion.arrays import read_npz
 from decomotion.errors import ClipError
-from decomotion.frame_files import decode_frame, frame_files, frame_size, in_8_bits, read_frames
+from decomotion.frame_files import decode_frame, frame_files, in_8_bits, open_frames
+from decomotion.frames import AnyFrames, Frames, Image, Source
 from decomotion.images import png
 
 _KEYS = ("video", "points", "occluded")
@@ -41,23 +43,23 @@ class EncodedFrames:
     def __len__(self) -> int:
         return len(self.files)
 
-    def __iter__(self) -> Iterator[bytes]:
-        return iter(self.files)
+    def __getitem__(self, index: int) -> bytes:
+        return self.files[index]
 
+    @cached_property
     def size(self) -> tuple[int, int]:
         """(width, height)."""
-        height, width = self._frame(0).shape[:2]
+        height, width = self._decoded(0).shape[:2]
         return width, height
 
-    def decoded(self) -> npt.NDArray[np.uint8]:
-        """RGB [T, H, W, 3]."""
-        frames = [self._frame(index) for index in range(len(self.files))]
-        for index, frame in enumerate(frames):
-            if frame.shape != frames[0].shape:
-                raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
-        return np.stack(frames)
+    def frame(self, index: int) -> Image:
+        """RGB [H, W, 3]."""
+        frame = self._decoded(index)
+        if frame.shape[1::-1] != self.size:
+            raise DatasetError(f"frame {index} of video {self.name} differs in size from frame 0")
+        return frame
 
-    def _frame(self, index: int) -> npt.NDArray[np.uint8]:
+    def _decoded(self, index: int) -> Image:
         frame = decode_frame(self.files[index], upright=False)
         if frame is None:
             raise DatasetError(f"frame {index} of video {self.name} does not decode as JPEG or PNG")
@@ -73,18 +75,24 @@ class FrameFolder:
     def __len__(self) -> int:
         return len(self.files)
 
-    def __iter__(self) -> Iterator[bytes]:
-        return (file.read_bytes() for file in self.files)
+    def __getitem__(self, index: int) -> bytes:
+        return self.files[index].read_bytes()
 
+    @property
     def size(self) -> tuple[int, int]:
         """(width, height)."""
         with _of_dataset():
-            return frame_size(self.files[0])
+            _, height, width, _ = open_frames(self.files[:1]).shape
+        return width, height
 
-    def decoded(self) -> npt.NDArray[np.uint8]:
-        """RGB [T, H, W, 3]."""
+    def frame(self, index: int) -> Image:
+        """RGB [H, W, 3]."""
         with _of_dataset():
-            return np.stack(read_frames(self.files))
+            return self._frames[index]
+
+    @cached_property
+    def _frames(self) -> Frames:
+        return open_frames(self.files)
 
 
 @contextmanager
@@ -124,14 +132,12 @@ class Video:
         """T."""
         return self.occluded.shape[1]
 
-    def frames(self) -> npt.NDArray[np.uint8]:
-        """The frames, RGB uint8 [T, H, W, 3]."""
-        frames = self.stored if isinstance(self.stored, np.ndarray) else self.stored.decoded()
-        if not self.resized:
-            return frames
-        size = self.width, self.height
-        resized = np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames])
-        return resized.astype(np.uint8, copy=False)
+    def frames(self) -> AnyFrames:
+        """The frames, RGB uint8 [T, H, W, 3]; those of files, and resized ones, are made when they are asked for.
+
+        Then `DatasetError` is raised where one does not decode.
+        """
+        return Frames(_MadeFrames(self)) if self.resized or not isinstance(self.stored, np.ndarray) else self.stored
 
     def at(self, height: int, width: int) -> Video:
         """The same video with frames of that size; where they shrink, pixels are averages."""
@@ -141,10 +147,33 @@ class Video:
 
     def digest(self) -> str:
         """Of the stored frames and the size that they are brought to: 16 hexadecimal digits."""
-        content = hashlib.sha256(f"{self.num_frames} {self.height} {self.width}".encode())
-        for frame in self.stored:
-            content.update(frame.tobytes() if isinstance(frame, np.ndarray) else frame)
-        return content.hexdigest()[:16]
+        return _digest(self, range(self.num_frames))
+
+
+class _MadeFrames(Source):
+    """Those of a video, from what is stored."""
+
+    def __init__(self, video: Video) -> None:
+        self.shape = (video.num_frames, video.height, video.width, 3)
+        self._video = video
+
+    def read(self, number: int) -> Image:
+        stored, (_, height, width, _) = self._video.stored, self.shape
+        frame = stored[number] if isinstance(stored, np.ndarray) else stored.frame(number)
+        if not self._video.resized:
+            return frame
+        return np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+    def digest(self, numbers: range) -> str:
+        return _digest(self._video, numbers)
+
+
+def _digest(video: Video, numbers: range) -> str:
+    content = hashlib.sha256(f"{len(numbers)} {video.height} {video.width}".encode())
+    for number in numbers:
+        frame = video.stored[number]
+        content.update(frame.tobytes() if isinstance(frame, np.ndarray) else frame)
+    return content.hexdigest()[:16]
 
 
 def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, Video]:
@@ -155,7 +184,7 @@ def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, V
             of RoboTAP), or a folder of `<video>.npz` with `tracks` and `occluded` beside `<video>/` with its frames.
         resolution: `original`, frames as they are stored, or `256x256`, brought to that size: TAP-Vid's categories.
 
-    Nothing in a file is executed. Only the first frame of each video is decoded here, for its size. Raises
+    Nothing in a file is executed. Only the first frame of each video is looked at here, for its size. Raises
     `DatasetError`; of videos in folders when they are asked for.
     """
     if resolution not in RESOLUTIONS:
@@ -226,7 +255,7 @@ class FolderDataset(Mapping[str, Video]):
         tracks = _numbers(f"video {name} of {file}", "tracks", truth["tracks"])
         if tracks.ndim != 3 or tracks.shape[2] != 2:
             raise DatasetError(f"{file} must have tracks [N, T, 2], but they are {list(tracks.shape)}")
-        entry = {"video": frames, "points": (tracks + 0.5) / frames.size(), "occluded": truth["occluded"]}
+        entry = {"video": frames, "points": (tracks + 0.5) / frames.size, "occluded": truth["occluded"]}
         return _read_video(file, name, entry)
 
     def __iter__(self) -> Iterator[str]:
@@ -297,7 +326,7 @@ def _read_video(path: str | Path, name: str, entry: Any) -> Video:
     occluded = occluded.astype(bool)
     _check_visible(where, points[~occluded])
     stored = _check_stored(where, name, entry["video"], num_frames=occluded.shape[1])
-    width, height = stored.shape[2:0:-1] if isinstance(stored, np.ndarray) else stored.size()
+    width, height = stored.shape[2:0:-1] if isinstance(stored, np.ndarray) else stored.size
     return Video(name, stored, height, width, points, occluded)
 
 

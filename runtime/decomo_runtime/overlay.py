@@ -25,6 +25,7 @@ from decomo_runtime.options import MARKS
 from decomo_runtime.pictures import evened
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import Clip
+from decomotion.frames import AnyFrames
 
 if TYPE_CHECKING:
     from decomo_runtime.scene_motion import SceneMotion
@@ -65,7 +66,7 @@ def check_clip(clip: Clip, model: ModelFacts) -> None:
 
 
 def draw_tracks(
-    frames: Image,
+    frames: AnyFrames,
     tracks: Tracks,
     *,
     trail: int = TRAIL,
@@ -74,7 +75,7 @@ def draw_tracks(
 ) -> Iterator[Image]:
     """Yields, for each of `tracks.frames`, that frame of the clip with the tracks on it, RGB and of even size.
 
-    `frames` uint8 [T, H, W, 3] is the whole clip; the rest is as for `Painter`.
+    `frames` uint8 [T, H, W, 3] are those of the whole clip, read one at a time; the rest is as for `Painter`.
     """
     painter = Painter(tracks, frames.shape[1:3], trail=trail, mark=mark, motion=motion)
     for column, frame in enumerate(tracks.frames):

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from decomotion.images import filled, jpeg, png
+from clip_files import shown_by_exif, turned_jpeg
+from decomotion.images import Header, filled, header, jpeg, png
 
 BACK = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGBA}
 
@@ -47,3 +48,40 @@ def test_gaps_are_filled_with_what_is_around(shape: tuple[int, int]):
     assert whole.max() <= values[known].max() + 1e-5
     assert whole.min() >= values[known].min() - 1e-5
     np.testing.assert_allclose(filled(np.full((*shape, 2), 3, np.float32), weight), 3, atol=1e-5)
+
+
+class TestHeader:
+    """What a file says of its picture is what decoding gives."""
+
+    picture = np.random.default_rng(0).integers(0, 256, (13, 29, 3), dtype=np.uint8)
+
+    @pytest.mark.parametrize("bits", [8, 16])
+    @pytest.mark.parametrize("channels", [1, 3, 4])
+    def test_of_png(self, bits: int, channels: int):
+        picture = np.zeros((13, 29, channels), f"uint{bits}")
+        content = cv2.imencode(".png", picture)[1].tobytes()
+        assert header(content) == Header(13, 29, bits)
+
+    @pytest.mark.parametrize("progressive", [0, 1])
+    def test_of_jpeg(self, progressive: int):
+        for picture in (self.picture, self.picture[..., 0]):
+            content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])[1].tobytes()
+            assert header(content) == Header(13, 29, 8)
+            assert header(content + b"what a camera puts behind it") == Header(13, 29, 8)
+
+    @pytest.mark.parametrize("orientation", range(1, 9))
+    def test_of_jpeg_that_lies_otherwise(self, orientation: int):
+        found = header(turned_jpeg(self.picture, orientation))
+        assert found == Header(*shown_by_exif(self.picture, orientation).shape[:2], bits=8)
+
+    @pytest.mark.parametrize("suffix", [".png", ".jpg"])
+    def test_of_a_file_cut_short_there_is_none(self, suffix: str):
+        content = cv2.imencode(suffix, self.picture)[1].tobytes()
+        assert header(content) is not None
+        for end in range(0, len(content) - 12, 7):  # a PNG's last chunk has 12 bytes
+            assert header(content[:end]) is None
+
+    def test_of_other_files_there_is_none(self):
+        for suffix in (".bmp", ".webp", ".tiff"):
+            assert header(cv2.imencode(suffix, self.picture)[1].tobytes()) is None
+        assert header(b"") is None

@@ -81,7 +81,7 @@ def test_jpeg_bytes_decode_as_rgb(read: Callable[..., Any], entry: dict[str, Any
     frames = read({"a": {**entry, "video": encoded(colours, ".jpg")}})["a"].frames()
     assert frames.shape == colours.shape
     # JPEG rounds a flat colour by a few levels.
-    np.testing.assert_allclose(frames.astype(int), colours, atol=3)
+    np.testing.assert_allclose(frames, colours, atol=3)
 
 
 def test_jpeg_bytes_are_not_turned(read: Callable[..., Any], entry: dict[str, Any]) -> None:
@@ -142,8 +142,8 @@ def test_later_frames_are_checked_when_decoded(read: Callable[..., Any], entry: 
     frames = encoded(entry["video"], ".png")
     video = read({"a": {**entry, "video": [*frames[:-1], b"no image"]}})["a"]
     with pytest.raises(DatasetError, match="frame 10 of video a does not decode"):
-        video.frames()
+        video.frames()[10]
     smaller = encoded(entry["video"][:, :10], ".png")
     video = read({"a": {**entry, "video": [*frames[:-1], smaller[0]]}})["a"]
     with pytest.raises(DatasetError, match="frame 10 of video a differs in size"):
-        video.frames()
+        video.frames()[10]

@@ -122,7 +122,7 @@ def test_frames_that_cannot_be_read_are_the_datasets_fault(tmp_path: Path, entry
     write_folder(tmp_path, entry)
     (tmp_path / "goat" / "10.png").write_bytes(b"no picture")
     with pytest.raises(DatasetError, match=r"frame .*10\.png does not decode as an image"):
-        read_dataset(tmp_path)["goat"].frames()
+        read_dataset(tmp_path)["goat"].frames()[10]
     (tmp_path / "goat" / "0.png").write_bytes(b"no picture")
     with pytest.raises(DatasetError, match=r"frame .*0\.png does not decode as an image"):
         read_dataset(tmp_path)["goat"]

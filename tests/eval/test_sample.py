@@ -165,7 +165,7 @@ def test_written_files_hold_the_sample(sample: Sample, tmp_path) -> None:
     clip = read_clip(tmp_path / "new" / "clip")
     np.testing.assert_array_equal(clip.frames, sample.video)
     masks = read_clip(tmp_path / "new" / "masks")
-    np.testing.assert_array_equal(masks.frames[..., 0], sample.masks * np.uint8(255))
+    np.testing.assert_array_equal(np.asarray(masks.frames)[..., 0], sample.masks * np.uint8(255))
 
     content = (tmp_path / "new" / "sample.pkl").read_bytes()
     names = {argument for code, argument, _ in pickletools.genops(content) if "UNICODE" in code.name}

@@ -9,13 +9,14 @@ import numpy.typing as npt
 from decomotion.data.masks import evidence, labelling
 from decomotion.data.pool import Positions, first_points
 from decomotion.data.sampling import bilinear
+from decomotion.frames import AnyFrames
 from decomotion.units import to_units
 
 Mask = npt.NDArray[np.bool_]
 
 
 def auto_masks(
-    frames: npt.NDArray[np.uint8],
+    frames: AnyFrames,
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from decomotion.data.masks.auto import auto_masks
 from decomotion.data.masks.evidence import NEIGHBOURS
 from decomotion.data.pool import grid_shape, jittered_grid
 from decomotion.data.timing import least_seconds
+from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 FRAMES = 3
@@ -17,7 +17,7 @@ NOISE, ASTRAY = 0.3, 0.2
 """Of the links in a trial: standard deviation in units, and the share that lies anywhere."""
 
 
-def seconds_a_frame(frames: npt.NDArray[np.uint8], points: int, random: np.random.Generator) -> float:
+def seconds_a_frame(frames: AnyFrames, points: int, random: np.random.Generator) -> float:
     """Wall time in which masks `auto` of a clip [frame, H, W, 3] are found, a frame, by those of a few frames.
 
     They come from about `points` links of each frame to each other, which `random` draws.

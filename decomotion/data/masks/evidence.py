@@ -26,6 +26,7 @@ from tqdm import tqdm
 
 from decomotion.data.pool import Positions
 from decomotion.data.sampling import bilinear
+from decomotion.frames import AnyFrames
 from decomotion.units import to_units, unit
 
 Floats = npt.NDArray[np.float32]
@@ -68,13 +69,13 @@ class Evidence:
     """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
 
 
-def in_units(frames: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def in_units(frames: AnyFrames) -> npt.NDArray[np.uint8]:
     """Frames [frame, H, W, 3] resized to the raster of units: their longer side is 256."""
     height, width = frames.shape[1:3]
     scale = 1 / unit(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    return np.stack([cv2.resize(frame, size, interpolation=how) for frame in frames])
+    return np.asarray([cv2.resize(frame, size, interpolation=how) for frame in frames], np.uint8)
 
 
 def motion_evidence(

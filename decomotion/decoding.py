@@ -1,0 +1,103 @@
+"""Decoding a video stream by PyAV: its frames in order, and as a player shows them."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from decomotion.frames import Image
+from decomotion.lost_frames import Loss, Met
+
+if TYPE_CHECKING:
+    from av import Packet, VideoFrame
+    from av.container import InputContainer
+    from av.video.stream import VideoStream
+
+MARKED = 4
+"""Every so many rows of a picture make up its mark."""
+
+
+def stream_at(container: InputContainer, index: int) -> VideoStream:
+    """The video stream of that index in the file."""
+    return next(stream for stream in container.streams.video if stream.index == index)
+
+
+def decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterator[VideoFrame]:
+    """The frames that decode, from where the container is; `met` tells of them and of the others.
+
+    Raises PyAV's error where none does.
+    """
+    from av.error import FFmpegError
+
+    failure = None
+    try:
+        for packet in container.demux(stream):
+            if packet.size:
+                met.decode_times.append(None if packet.dts is None else float(packet.dts * packet.time_base))
+            try:
+                frames = packet.decode()
+            except FFmpegError as error:
+                failure = failure or error
+                met.losses.append(Loss(len(met.times), _seconds(packet)))
+                continue
+            for frame in frames:
+                if frame.is_corrupt:
+                    met.losses.append(Loss(len(met.times), frame.time))
+                else:
+                    met.times.append(frame.time)
+                    met.keys.append(frame.key_frame)
+                    yield frame
+    except FFmpegError as error:  # the file ends here: for ffmpeg too
+        failure = failure or error
+    if failure is not None and not met.times:
+        raise failure
+    met.ended = True
+
+
+def _seconds(packet: Packet) -> float | None:
+    return None if packet.pts is None else float(packet.pts * packet.time_base)
+
+
+def mark(frame: VideoFrame) -> int:
+    """A checksum of some rows of the picture as it is coded: frames that decode otherwise have another."""
+    plane, form = frame.planes[0], frame.format
+    bits = form.components[0].bits if form.is_planar else form.padded_bits_per_pixel
+    content = np.frombuffer(memoryview(plane), np.uint8)
+    rows = content[: plane.height * plane.line_size].reshape(plane.height, plane.line_size)
+    return zlib.crc32(rows[::MARKED, : plane.width * -(-bits // 8)].tobytes())
+
+
+@dataclass(frozen=True)
+class Display:
+    """How stored pictures are to be shown: where the stored x and y axes point to."""
+
+    x: tuple[int, int] = (1, 0)
+    y: tuple[int, int] = (0, 1)
+
+    @staticmethod
+    def of(frame: VideoFrame) -> Display:
+        """By the display matrix beside a frame. Asked of every frame, PyAV would keep many in memory: of the first."""
+        matrix = frame.side_data.get("DISPLAYMATRIX")
+        if matrix is None:
+            return Display()
+        (x_of_x, y_of_x, _), (x_of_y, y_of_y, _), _ = np.frombuffer(matrix, np.int32).reshape(3, 3).tolist()
+        return Display((x_of_x, y_of_x), (x_of_y, y_of_y))
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether height and width change places."""
+        return abs(self.y[0]) > abs(self.x[0])
+
+    def upright(self, image: Image) -> Image:
+        """A stored picture [H, W, ...] as a player shows it.
+
+        Phones store portrait video lying down, some front cameras mirrored.
+        """
+        (x_of_x, y_of_x), (x_of_y, y_of_y) = self.x, self.y
+        if self.is_turned:
+            image, x_of_x, y_of_y = image.swapaxes(0, 1), x_of_y, y_of_x
+        return image[:: -1 if y_of_y < 0 else 1, :: -1 if x_of_x < 0 else 1]

@@ -1,0 +1,189 @@
+"""Frames of a video file, decoded when asked for, in any order.
+
+The next frames are decoded on. For others the file is entered at the key frame before; a checksum of each frame says
+whether decoding from there gives what decoding from the beginning gave. Where it does not, as where frames build on
+some before the key frame, or where the container does not lead there, the file is decoded from its beginning.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from threading import Lock
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from decomotion.decoding import Display, decoded, mark, stream_at
+from decomotion.frames import READING, Image, Shape, Source
+from decomotion.greys import Grey, GreyFile
+from decomotion.lost_frames import Met
+from decomotion.source_file import SourceFile
+
+if TYPE_CHECKING:
+    from av import VideoFrame
+    from av.container import InputContainer
+
+PASSED, PASSED_BYTES = 16, 64 << 20
+"""Frames that were decoded last are kept as they are coded: at most so many, and as many as fit into so many bytes."""
+TRIES = 2
+"""Key frames at which the file is entered for a frame, before it is decoded from its beginning."""
+NEAR = 16
+"""Frames up to so far ahead are reached by decoding on, whatever key frames lie between."""
+
+
+@dataclass(frozen=True)
+class FrameIndex:
+    """What the opening of a video file has met, by which its frames are found again. Numbers count in the file."""
+
+    shape: Shape
+    """(T, H, W, 3) of the frames that are wanted."""
+    begin: int
+    """Number of the first of them."""
+    display: Display
+    """How the stored pictures are to be shown."""
+    marks: list[int]
+    """Checksum of each frame of the file, as far as it was read."""
+    pts: list[int] | None
+    """When each is shown, strictly increasing, in the stream's unit; None where that does not tell them apart."""
+    entries: list[int]
+    """The key frames at which the file can be entered, ascending; none where `pts` is None."""
+    greys: GreyFile | None
+    """A small picture of each wanted frame; None where there was no room."""
+
+
+class VideoFrames(Source):
+    """Reads the frames of one stream of a file, which is open while its frames are read in order."""
+
+    def __init__(self, file: SourceFile, stream: int, index: FrameIndex) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self._container: InputContainer | None = None
+        self.shape = index.shape
+        self._file, self._stream, self._index = file, stream, index
+        self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
+        self._entries = [entry for entry in index.entries if entry > 0]
+        self._decoding: Iterator[VideoFrame] = iter(())
+        self._next = 0
+        self._entered: int | None = None  # the key frame at which it was entered
+        self._passed: dict[int, VideoFrame] = {}
+        self._lock, self._converter = Lock(), VideoReformatter()
+
+    def __del__(self) -> None:  # PyAV's containers and streams hold each other
+        self._close()
+
+    def read(self, number: int) -> Image:
+        """The frame of that number, from 0 at `index.begin`. Raises `ClipError` where the file has changed."""
+        with self._lock:
+            self._file.check()
+            frame = self._found(self._index.begin + number)
+            image = self._converter.reformat(frame, format="rgb24").to_ndarray()
+            return np.ascontiguousarray(self._index.display.upright(np.asarray(image, np.uint8)))
+
+    def grey(self, number: int) -> Grey:
+        """The same in grey and small, as noted at the opening."""
+        greys = self._index.greys
+        return super().grey(number) if greys is None else greys[number]
+
+    def digest(self, numbers: range) -> str:
+        """Of the file's bytes and of which frames of it these are."""
+        begin, end = (self._index.begin + bound for bound in (numbers.start, numbers.stop))
+        what = f"frames of a video {READING} {begin}:{end}:{numbers.step} {self._file.digest}"
+        return hashlib.sha256(what.encode()).hexdigest()[:16]
+
+    def _found(self, number: int) -> VideoFrame:
+        """Raises `ClipError` where it is not in the file any more."""
+        if number in self._passed:
+            return self._passed[number]
+        behind = self._container is None or number < self._next
+        for entry in self._entries_before(number):
+            if not behind and entry <= self._next + NEAR:
+                break
+            self._enter(entry)
+            if self._decodes_to(number):
+                return self._passed[number]
+            self._entries.remove(entry)  # leads elsewhere
+            behind = True
+        if behind:
+            self._open()
+        if not self._decodes_to(number):
+            self._close()
+            raise self._file.changed()
+        return self._passed[number]
+
+    def _entries_before(self, number: int) -> list[int]:
+        """The nearest first; one that leads elsewhere has another chance at most, before the file's beginning."""
+        place = bisect_right(self._entries, number)
+        return self._entries[max(0, place - TRIES) : place][::-1]
+
+    def _decodes_to(self, number: int) -> bool:
+        """Decodes on to a frame; whether it is there and, as far as that is told, as it was at the opening."""
+        from av.error import FFmpegError
+
+        try:
+            for frame in self._decoding:
+                found = self._number(frame)
+                if found is None:
+                    continue
+                if found > number:
+                    return False
+                self._next = found + 1
+                if self._is_as_before(found, frame):
+                    self._pass(found, frame)
+                elif found == number or self._entered is None:
+                    return False
+                if found == number:
+                    return True
+        except FFmpegError:  # nothing decodes from here
+            pass
+        return False
+
+    def _number(self, frame: VideoFrame) -> int | None:
+        """Of a frame that was decoded; None of those before the key frame at which the file was entered."""
+        if self._entered is None:
+            return self._next
+        number = None if frame.pts is None else self._number_of.get(frame.pts)
+        return None if number is None or number < self._entered else number
+
+    def _is_as_before(self, number: int, frame: VideoFrame) -> bool:
+        """From the file's beginning, coders decode the same; frames are missing where their times are others."""
+        index = self._index
+        if self._entered is not None:
+            return index.marks[number] == mark(frame)
+        return index.pts is None or index.pts[number] == frame.pts
+
+    def _pass(self, number: int, frame: VideoFrame) -> None:
+        size = sum(plane.buffer_size for plane in frame.planes)
+        while self._passed and len(self._passed) >= min(PASSED, PASSED_BYTES // size):
+            del self._passed[next(iter(self._passed))]
+        self._passed[number] = frame
+        if self._next == len(self._index.marks):  # the last that is wanted
+            self._close()
+
+    def _enter(self, number: int) -> None:
+        assert self._index.pts is not None, "where times tell nothing there are no entries"
+        container = self._container or self._open()
+        stream = stream_at(container, self._stream)
+        container.seek(self._index.pts[number], stream=stream)
+        self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, number
+
+    def _open(self) -> InputContainer:
+        import av
+        from av.error import FFmpegError
+
+        self._close()
+        try:
+            self._container = av.open(self._file.url)
+        except FFmpegError as error:
+            raise self._file.changed() from error
+        stream = stream_at(self._container, self._stream)
+        self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, None
+        return self._container
+
+    def _close(self) -> None:
+        self._decoding = iter(())
+        if self._container is not None:
+            self._container.close()
+            self._container = None

@@ -1,0 +1,282 @@
+"""Frames of a video asked for in any order are those of one that is read from its beginning."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from clip_files import write_video
+from decomotion import video_frames
+from decomotion.clip import Clip, read_clip
+from decomotion.data.cuts import find_cuts
+from decomotion.errors import ClipError
+
+COUNT = 75
+GOP = {"g": "12", "keyint_min": "12", "sc_threshold": "0"}
+B_FRAMES = GOP | {"bf": "3", "b_strategy": "0"}
+OPEN = B_FRAMES | {"x264-params": "open-gop=1:bframes=3:b-adapt=0"}
+FORMS: dict[str, tuple[str, str, dict[str, str]]] = {
+    "B-frames": ("film.mp4", "libx264", B_FRAMES),
+    "no B-frames": ("film.mkv", "libx264", GOP | {"bf": "0"}),
+    "open groups": ("film.mp4", "libx264", OPEN),
+    "open groups in Matroska": ("film.mkv", "libx264", OPEN),
+    "open groups of HEVC": (
+        "film.mp4",
+        "libx265",
+        {"x265-params": "keyint=12:min-keyint=12:open-gop=1:log-level=none"},
+    ),
+    "no key frame but the first": ("film.mp4", "libx264", {"x264-params": "intra-refresh=1:keyint=12:bframes=0"}),
+    "one group": ("film.mp4", "libx264", {"g": "500", "sc_threshold": "0"}),
+    "groups of two": ("film.mp4", "libx264", {"g": "2", "bf": "1", "b_strategy": "0", "sc_threshold": "0"}),
+    "key frames alone": ("film.mp4", "libx264", {"g": "1"}),
+    "AVI with B-frames": ("film.avi", "libx264", B_FRAMES),
+    "AVI": ("film.avi", "mpeg4", {"g": "12"}),
+    "MJPEG": ("film.avi", "mjpeg", {}),
+    "a bare stream": ("film.h264", "libx264", B_FRAMES),
+    "a transport stream": ("film.ts", "mpeg2video", {"g": "12", "bf": "2"}),
+    "a transport stream of H.264": ("film.ts", "libx264", OPEN),
+    "a programme stream": ("film.mpg", "mpeg2video", {"g": "12", "bf": "2"}),
+    "VP9 with frames that are not shown": (
+        "film.webm",
+        "libvpx-vp9",
+        {"g": "12", "auto-alt-ref": "1", "lag-in-frames": "12"},
+    ),
+    "without loss": ("film.mkv", "ffv1", {}),
+    "RGB": ("film.avi", "rawvideo", {}),
+}
+PIXELS = {"mjpeg": "yuvj420p", "rawvideo": "rgb24", "ffv1": "yuv444p10le"}
+
+
+def drifting(count: int = COUNT, height: int = 60, width: int = 94) -> npt.NDArray[np.uint8]:
+    """A scene that drifts, and from the middle on another: [T, H, W, 3]."""
+    scenes = [scene(seed, height, width + count) for seed in range(2)]
+    return np.stack([scenes[number * 2 // count][:, number : number + width] for number in range(count)])
+
+
+def scene(seed: int, height: int, width: int) -> npt.NDArray[np.uint8]:
+    """Soft shapes of three sizes."""
+    chance = np.random.default_rng(seed)
+    shapes = sum(
+        cv2.resize(chance.normal(0, 30, (*cells, 3)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+        for cells in ((4, 10), (9, 24), (20, 54))
+    )
+    return np.clip(100 + shapes, 0, 255).astype(np.uint8)
+
+
+def write(path: Path, codec: str, options: dict[str, str], times: list[int] | None = None) -> Path:
+    frames = drifting()
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25, options=options)
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = PIXELS.get(codec, "yuv420p")
+        if times is not None:
+            stream.codec_context.time_base = Fraction(1, 1000)
+        for number, frame in enumerate(frames):
+            picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
+            if times is not None:
+                picture.pts, picture.time_base = times[number], Fraction(1, 1000)
+            file.mux(stream.encode(picture))
+        file.mux(stream.encode())
+    return path
+
+
+def plainly_decoded(path: Path) -> Iterator[npt.NDArray[np.uint8]]:
+    with av.open(str(path)) as file:
+        for frame in file.decode(video=0):
+            yield np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+
+
+def check_any_order(path: Path, begin: int = 0, end: int = COUNT) -> None:
+    expected = list(plainly_decoded(path))[begin:end]
+    where = path if (begin, end) == (0, COUNT) else f"{path}@{begin}:{end}"
+    clip = read_clip(where)
+    assert len(clip) == len(expected)
+    for frame, other in zip(clip.frames, expected, strict=True):
+        np.testing.assert_array_equal(frame, other)
+    order = [number for number in range(len(expected)) for _ in range(2)]
+    random.Random(0).shuffle(order)
+    for numbers in (order, range(len(expected) - 1, -1, -1), range(0, len(expected), 7)):
+        fresh = read_clip(where)
+        for number in numbers:
+            np.testing.assert_array_equal(fresh.frames[number], expected[number], err_msg=f"frame {number}")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_any_order(form: str, tmp_path: Path):
+    name, codec, options = FORMS[form]
+    check_any_order(write(tmp_path / name, codec, options))
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_any_order_at_a_variable_rate(suffix: str, tmp_path: Path):
+    steps = np.random.default_rng(1).integers(8, 120, COUNT)
+    check_any_order(write(tmp_path / f"film{suffix}", "libx264", B_FRAMES, np.cumsum(steps).tolist()))
+
+
+@pytest.mark.parametrize("begin", [500, 5000])
+def test_any_order_behind_an_edit_list(begin: int, tmp_path: Path):
+    """The film begins late: an empty edit, and one that shifts the times of B-frames."""
+    times = [begin + 40 * number for number in range(COUNT)]
+    check_any_order(write(tmp_path / "film.mp4", "libx264", B_FRAMES, times))
+
+
+@pytest.mark.parametrize("form", ["B-frames", "open groups", "AVI with B-frames"])
+def test_any_order_in_a_part(form: str, tmp_path: Path):
+    name, codec, options = FORMS[form]
+    check_any_order(write(tmp_path / name, codec, options), 29, 61)
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    return write(tmp_path / "film.mp4", "libx264", B_FRAMES)
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """What reading has decoded so far; the opening is not counted."""
+    frames: list[object] = []
+    plain = video_frames.decoded
+
+    def counting(*arguments: object) -> Iterator[object]:
+        for frame in plain(*arguments):
+            frames.append(frame.pts)
+            yield frame
+
+    monkeypatch.setattr(video_frames, "decoded", counting)
+    return frames
+
+
+class TestWork:
+    """Decoded once to open, once to read in order, and from the key frame before else."""
+
+    def test_opening_keeps_cuts_and_digest_without_another_pass(self, film: Path, decoded: list[object]):
+        clip = read_clip(film)
+        assert find_cuts(clip.frames) == [38]
+        assert clip.part(0, 38, "first").digest() != clip.digest()
+        assert decoded == []
+
+    def test_in_order_each_frame_is_decoded_once(self, film: Path, decoded: list[object]):
+        clip = read_clip(film)
+        for number in range(COUNT - 8):
+            _ = clip.frames[number], clip.frames[number + 8]  # as flow at a gap asks for them
+        assert len(decoded) == COUNT
+
+    def test_a_frame_is_reached_from_the_key_frame_before(self, film: Path, decoded: list[object]):
+        clip = read_clip(film)
+        _ = clip.frames[65], clip.frames[64], clip.frames[63]
+        assert len(decoded) <= 8
+        _ = clip.frames[1]
+        assert len(decoded) <= 8 + 2
+
+    def test_where_it_does_not_lead_there_it_is_not_tried_again(self, tmp_path: Path, decoded: list[object]):
+        name, codec, options = FORMS["no key frame but the first"]
+        clip = read_clip(write(tmp_path / name, codec, options))
+        for number in (70, 5, 40):
+            _ = clip.frames[number]
+        assert len(decoded) < 4 * COUNT
+
+    def test_what_was_read_last_is_not_read_again(self, film: Path, decoded: list[object]):
+        frames = read_clip(film).frames
+        for _ in range(3):
+            _ = frames[40], frames[2:5][1], frames[41]
+        assert len(decoded) < 30
+
+
+def test_threads_may_ask_at_once(film: Path):
+    expected, clip = list(plainly_decoded(film)), read_clip(film)
+    order = list(range(COUNT))
+    random.Random(1).shuffle(order)
+    with ThreadPoolExecutor(4) as pool:
+        for number, frame in zip(order, pool.map(clip.frames.__getitem__, order), strict=True):
+            np.testing.assert_array_equal(frame, expected[number])
+
+
+def open_files(path: Path) -> int:
+    links = Path("/proc/self/fd")
+    if not links.is_dir():
+        pytest.skip("needs /proc")
+    return sum(os.path.realpath(link) == str(path.resolve()) for link in links.iterdir())
+
+
+def test_files_are_closed(film: Path):
+    clip = read_clip(film)
+    assert open_files(film) == 0
+    _ = clip.frames[3]
+    assert open_files(film) == 1
+    for _ in clip.frames:
+        pass
+    assert open_files(film) == 0
+    _ = clip.frames[3]
+    del clip
+    assert open_files(film) == 0
+
+
+class TestChangedFile:
+    @pytest.mark.parametrize("begun", [False, True])
+    def test_vanished(self, film: Path, begun: bool):
+        clip = read_clip(film)
+        if begun:
+            _ = clip.frames[0]
+        film.unlink()
+        with pytest.raises(ClipError, match=r"film\.mp4 cannot be read any more \(No such file or directory\)"):
+            _ = clip.frames[40]
+
+    @pytest.mark.parametrize("begun", [False, True])
+    def test_written_to(self, film: Path, begun: bool):
+        clip = read_clip(film)
+        if begun:
+            _ = clip.frames[0]
+        write_video(film, drifting(20))
+        with pytest.raises(ClipError, match=r"film\.mp4 has changed since it was opened"):
+            _ = clip.frames[40]
+        with pytest.raises(ClipError, match=r"film\.mp4 has changed since it was opened"):
+            clip.digest()
+
+    def test_written_to_unseen(self, film: Path):
+        """In the same moment, with as many bytes: a shorter film, and some nothing behind it."""
+        clip, before = read_clip(film), film.stat()
+        write_video(film, drifting(20))
+        film.write_bytes(film.read_bytes()[: before.st_size].ljust(before.st_size, b"\0"))
+        os.utime(film, ns=(before.st_atime_ns, before.st_mtime_ns))
+        with pytest.raises(ClipError, match=r"film\.mp4 has changed since it was opened"):
+            _ = clip.frames[40]
+
+    def test_the_working_folder_does_not_matter(self, film: Path, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.chdir(film.parent)
+        clip = read_clip(film.name)
+        monkeypatch.chdir("/")
+        assert clip.frames[40].shape == (60, 94, 3)
+
+
+def test_without_room_for_small_pictures(film: Path, monkeypatch: pytest.MonkeyPatch):
+    """Cuts are then found by reading the frames."""
+
+    def full(**_: object) -> None:
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr("decomotion.greys.TemporaryFile", full)
+    assert find_cuts(read_clip(film).frames) == [38]
+
+
+class TestDigest:
+    def test_is_of_the_bytes_and_the_part(self, film: Path, tmp_path: Path):
+        clip = read_clip(film)
+        shutil.copy(film, tmp_path / "other.mp4")
+        assert read_clip(tmp_path / "other.mp4").digest() == clip.digest()
+        again = read_clip(tmp_path / "other.mp4")
+        parts = [again.part(3, 9, "x"), read_clip(f"{tmp_path}/other.mp4@3:9"), again.part(1, 20, "y").part(2, 8, "z")]
+        assert len({part.digest() for part in parts}) == 1
+        others: list[Clip] = [again.part(3, 10, "x"), again.part(2, 9, "x"), again]
+        assert len({clip.digest() for clip in (parts[0], *others)}) == 4
+        assert read_clip(f"{tmp_path}/other.mp4@0:{COUNT}").digest() == again.digest()
