@@ -61,6 +61,14 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
                 f"{precision} weights move tracks by {exported.deviation.mean:.2g} px in the mean, "
                 f"{exported.deviation.p99:.2g} px at the 99th percentile"
             )
+        if exported.thinned is not None:
+            click.echo(exported.thinned)
+        if exported.quality is None:
+            click.echo("how good the fit is was not measured, since it was stopped: end it with decomo-train --resume")
+        else:
+            click.echo(exported.quality.summary())
+            if reasons := exported.quality.shortcomings():
+                click.echo(f"the fit is starved: {', '.join(reasons)}; fit for longer")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,6 +20,7 @@ from decomo_runtime.chunks import frame_chunks, query_chunks
 from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
+from decomotion.quality import Quality
 from decomotion.times import steady_times
 
 
@@ -106,6 +107,11 @@ class Tracker:
     def preset(self) -> str:
         """Name of the training preset."""
         return self.facts.preset
+
+    @property
+    def quality(self) -> Quality | None:
+        """How good the fit is, by links that were held out of it; None in files that do not say."""
+        return self.facts.quality
 
     @property
     def occlusion_threshold(self) -> float:
