@@ -76,22 +76,22 @@ class Quality:
         found += [(_named(each), each.figures) for each in self.gaps]
         return [(name, each) for name, each in found if each is not None]
 
-    def shortcomings(self) -> list[str]:
-        """Why the fit is starved, a clause for each reason; empty where it is not."""
-        found = []
-        if self.steps < FEW_STEPS:
-            found.append(f"it took {self.steps} step{'s' if self.steps > 1 else ''}, which is few")
+    def warning(self) -> str | None:
+        """What is wrong with the fit, a sentence to which what to do may be added; None: nothing that can be told."""
+        few = self.steps < FEW_STEPS
+        starved = [f"it took {self.steps} step{'s' if self.steps > 1 else ''}, which is few"] if few else []
         if self.thinned is not None:
-            found.append(f"its links are thinned ({self.thinned})")
-        for name, each in self.rows():
-            if each.links >= TELLING and each.median > WELL_ABOVE * each.own_error + SLACK:
-                kind = "held-out links" if name == "all" else f"held-out links ({name})"
-                found.append(
-                    f"{kind} are missed by {each.median:.2g} px of 256 in the median where they are good to "
-                    f"{each.own_error:.2g}, so that the flow it came from may be better"
-                )
-                break
-        return found
+            starved.append(f"its links are thinned ({self.thinned})")
+        missed = [
+            f"held-out links{'' if name == 'all' else f' ({name})'} are missed by {each.median:.2g} px of 256 in the "
+            f"median where they are good to {each.own_error:.2g}, so that the flow it came from may be better"
+            for name, each in self.rows()
+            if each.links >= TELLING and each.median > WELL_ABOVE * each.own_error + SLACK
+        ]
+        if not starved and not missed:
+            return None
+        what = "the fit is starved" if starved else "the fit falls short of its links"
+        return f"{what}: {', '.join(starved + missed[:1])}"
 
     def summary(self) -> str:
         """The figures of all links in a line."""

@@ -214,7 +214,7 @@ class Run:
             with replacing(self.folder / quality.FILE_NAME) as file:
                 file.write_text(self.quality.as_json(), encoding="utf-8")
             for name, figures in self.quality.rows():
-                writer.add_scalar(f"held_out/{name}", figures.median, self.step)
+                writer.add_scalar(f"held_out/{name.replace(' ', '_')}", figures.median, self.step)
 
     def tell(self) -> None:
         """Says how good the fit is and, where it is starved, what to do."""
@@ -222,8 +222,8 @@ class Run:
             log.warning("no link was held out of the fit whose target is known: nothing tells how good it is")
             return
         log.info("%s\n%s", self.quality.summary(), self.quality.table())
-        if reasons := self.quality.shortcomings():
-            log.warning("the fit is starved: %s; %s", ", ".join(reasons), self.remedy())
+        if warning := self.quality.warning():
+            log.warning("%s; %s", warning, self.remedy())
 
     def remedy(self) -> str:
         """What to do about a starved fit."""

@@ -67,8 +67,8 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
             click.echo("how good the fit is was not measured, since it was stopped: end it with decomo-train --resume")
         else:
             click.echo(exported.quality.summary())
-            if reasons := exported.quality.shortcomings():
-                click.echo(f"the fit is starved: {', '.join(reasons)}; fit for longer")
+            if warning := exported.quality.warning():
+                click.echo(f"{warning}; fit for longer")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
