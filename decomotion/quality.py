@@ -40,8 +40,8 @@ class Figures:
     within_2: float
     within_4: float
     own_error: float
-    """Median error of the links themselves in units, by their way there and back: a perfect model would deviate so far
-    from them."""
+    """Median error of the links themselves in units, by their way there and back, which sees about half of it: a
+    perfect model would deviate from them at least so far."""
 
 
 @dataclass(frozen=True)
