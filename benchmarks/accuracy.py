@@ -19,7 +19,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
@@ -85,13 +85,14 @@ def fit(job: Job, clip: BenchmarkClip, work: Path) -> Record:
     overrides = [part for override in row.overrides for part in ("--set", override)]
     python = (sys.executable, "-m")
     stages["train"] = run_stage(*python, "decomotion.cli", str(frames), "--out", str(folder), *options, *overrides)
-    training = checkpoint.load(folder / checkpoint.FILE_NAME).training
+    fitted = checkpoint.load(folder / checkpoint.FILE_NAME)
+    training, quality = fitted.training, None if fitted.quality is None else asdict(fitted.quality)
     stages["train"] |= {"prepare_seconds": round(training["prepared"], 1), "steps": training["step"]}
     stages["export"] = run_stage(*python, "decomo_export.cli", str(model), "--run", str(folder))
     begin = time.monotonic()
     scores = score_clip(clip, functools.partial(from_model, model, clip.video))
     stages["score"] = {"seconds": round(time.monotonic() - begin, 1)}
-    return {"stages": stages, "model_bytes": model.stat().st_size, **scores}
+    return {"stages": stages, "model_bytes": model.stat().st_size, "quality": quality, **scores}
 
 
 def names(text: str | None) -> tuple[str, ...] | None:

@@ -16,6 +16,7 @@ from decomotion.errors import CheckpointError, ConfigError
 from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
+from decomotion.quality import Quality, parse
 from decomotion.times import is_steady
 
 FORMAT_VERSION = 2
@@ -56,9 +57,21 @@ class Checkpoint:
     model: DecoMotion
     training: dict[str, Any]
     """State of the optimisation: see `decomotion.run`."""
+    thinned: str | None = None
+    """What of the links there was no time for, in a line; None: nothing, or the file does not say."""
+    quality: Quality | None = None
+    """How good the fit is; None where it was stopped, or the file does not say."""
 
 
-def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, training: dict[str, Any]) -> None:
+def save(
+    path: Path,
+    config: Config,
+    clip: ClipFacts,
+    model: DecoMotion,
+    training: dict[str, Any],
+    thinned: str | None = None,
+    quality: Quality | None = None,
+) -> None:
     """Writes a checkpoint; a kill at any moment leaves the former one whole."""
     content = {
         "format_version": FORMAT_VERSION,
@@ -67,6 +80,8 @@ def save(path: Path, config: Config, clip: ClipFacts, model: DecoMotion, trainin
         "feature_size": model.feature_size,
         "model": model.state_dict(),
         "training": training,
+        "thinned": thinned,
+        "quality": None if quality is None else quality.as_json(),
     }
     write(path, content)
 
@@ -109,7 +124,10 @@ def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
         raise ValueError("model and clip are of different lengths")
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
-    return Checkpoint(config, clip, model, training)
+    thinned, quality = content.get("thinned"), content.get("quality")
+    if not (thinned is None or isinstance(thinned, str)):
+        raise ValueError("what is thinned is no text")
+    return Checkpoint(config, clip, model, training, thinned, None if quality is None else parse(quality))
 
 
 def latest_run(root: Path = Path("runs")) -> Path:

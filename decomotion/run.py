@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -14,7 +15,7 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from decomotion import checkpoint, images, previews
+from decomotion import checkpoint, held_out, images, previews, quality
 from decomotion.chance import torch_generator
 from decomotion.checkpoint import ClipFacts
 from decomotion.config import Config
@@ -22,15 +23,19 @@ from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
 from decomotion.errors import CheckpointError, TrainingError
 from decomotion.files import naming, replacing
+from decomotion.held_out import HeldOut
 from decomotion.losses import LOSSES, applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
+from decomotion.quality import Quality
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 
 log = logging.getLogger(__name__)
 
-MOST_OF_IT = 0.6
-"""Share of a run's time from which preparation is worth a warning."""
+ENOUGH_STEPS = 3000
+"""Steps that a starved fit is advised to take, where the time for them is not too far from what was given."""
+LONGER = 10
+"""Times the given time that it is advised to take at most."""
 
 
 Stopping = Callable[[], AbstractContextManager[Event]]
@@ -47,7 +52,8 @@ class Run:
 
     def __init__(self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int) -> None:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
-        self.sampler = Sampler(pool, config.optim)
+        self.held_out = HeldOut(pool, seed)
+        self.sampler = Sampler(pool, config.optim, self.held_out.links)
         set_precision(model, config.optim.autocast)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
         self.losses = applicable(config.loss, config.model.volumes)
@@ -57,6 +63,8 @@ class Run:
         """Wall time in seconds that the run has taken, its preparation included."""
         self.prepared = 0.0
         """Seconds of it that the preparation took."""
+        self.quality: Quality | None = None
+        """How good the fit is: measured at its end."""
         self.device = next(model.parameters()).device
 
     def restore(self, training: dict[str, Any]) -> None:
@@ -86,7 +94,8 @@ class Run:
             "seed": self.seed,
             "budget": asdict(self.budget),
         }
-        checkpoint.save(self.folder / checkpoint.FILE_NAME, self.config, self.clip, self.model, training)
+        file = self.folder / checkpoint.FILE_NAME
+        checkpoint.save(file, self.config, self.clip, self.model, training, self.pool.thinned, self.quality)
 
     def loop(self, begin: float, progress: bool, stopping: Stopping = never) -> None:
         """Optimises until the budget is spent; saves on the way, when it is told to stop and at the end.
@@ -99,12 +108,7 @@ class Run:
         if not self.step:
             self.prepared = self.elapsed = time.monotonic() - begin
             self.save()  # from here on --resume finds this run, not a former one in the same folder
-            if self.budget.seconds and self.prepared > MOST_OF_IT * self.budget.seconds:
-                log.warning(
-                    "preparation took %d of the %d seconds: expect a poor fit; give a longer --time-budget",
-                    self.prepared,
-                    self.budget.seconds,
-                )
+        (self.folder / quality.FILE_NAME).unlink(missing_ok=True)  # a former end's
         events = self.folder / "tensorboard"
         with naming(events):
             writer = SummaryWriter(str(events), purge_step=self.step)
@@ -129,11 +133,14 @@ class Run:
                 if now - saved > self.config.log.checkpoint_seconds:
                     self.save()
                     saved = time.monotonic()
+            if done >= 1:
+                self.judge(writer)
             self.save()
         if done < 1:
             log.info("stopped at step %d", self.step)
             raise KeyboardInterrupt
         self.preview(None)
+        self.tell()
 
     @property
     def progress(self) -> float:
@@ -199,6 +206,35 @@ class Run:
             file.write_bytes(images.png(picture))
         if writer is not None:
             writer.add_image("layers", picture, self.step, dataformats="HWC")
+
+    def judge(self, writer: Any) -> None:
+        """Measures how good the fit is on the links that were held out of it."""
+        self.quality = held_out.measure(self.model, self.pool, self.held_out, seed=self.seed, steps=self.step)
+        if self.quality is not None:
+            with replacing(self.folder / quality.FILE_NAME) as file:
+                file.write_text(self.quality.as_json(), encoding="utf-8")
+            for name, figures in self.quality.rows():
+                writer.add_scalar(f"held_out/{name.replace(' ', '_')}", figures.median, self.step)
+
+    def tell(self) -> None:
+        """Says how good the fit is and, where it is starved, what to do."""
+        if self.quality is None:
+            log.warning("no link was held out of the fit whose target is known: nothing tells how good it is")
+            return
+        log.info("%s\n%s", self.quality.summary(), self.quality.table())
+        if warning := self.quality.warning():
+            log.warning("%s; %s", warning, self.remedy())
+
+    def remedy(self) -> str:
+        """What to do about a starved fit."""
+        steps = max(2 * self.step, ENOUGH_STEPS)
+        more = f"--steps {steps}"
+        if (given := self.budget.seconds) is not None:
+            wanted = self.prepared + steps * (self.elapsed - self.prepared) / self.step
+            more = f"--time-budget {math.ceil(min(max(2 * given, wanted), LONGER * given) / 60)}m"
+        if self.pool.thinned is None:
+            return f"go on with decomo-train on the same clip with --resume --out {self.folder} {more}"
+        return f"fit the clip anew with a longer --prepare-budget and {more}, since --resume keeps the links"
 
 
 def _parameter_groups(model: DecoMotion, config: Config) -> list[dict[str, Any]]:

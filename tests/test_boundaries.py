@@ -35,6 +35,7 @@ GROUND_FLOOR = [
     "decomotion.outputs",
     "decomotion.presets",
     "decomotion.pseudo_depth",
+    "decomotion.quality",
     "decomotion.times",
     "decomotion.units",
     "decomotion.windows",

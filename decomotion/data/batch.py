@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -45,17 +46,23 @@ class Batch:
         return Batch(**{field.name: getattr(self, field.name).to(device) for field in fields(Batch)})
 
 
+WhichLinks = Callable[[npt.NDArray, npt.NDArray, npt.NDArray], npt.NDArray[np.bool_]]
+"""Tells some links by their frame, target frame and point."""
+
+
 class Sampler:
     """Draws batches; points whose error was large when last seen are drawn more often.
 
     Args:
         pool: the prepared correspondences.
         config: sizes of a batch and share of hard points.
+        held_out: links whose target is unknown to all batches; None: none.
     """
 
-    def __init__(self, pool: Pool, config: OptimConfig) -> None:
+    def __init__(self, pool: Pool, config: OptimConfig, held_out: WhichLinks | None = None) -> None:
         self._pool = pool
         self._config = config
+        self._held_out = held_out
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in units (OmniMotion's error maps)."""
         self._hard = round(config.points * config.hard_mining)
@@ -80,12 +87,13 @@ class Sampler:
             (target >= 0) & (target < frames), target, torch.where(frame * 2 < frames, frame + 1, frame - 1)
         )
         candidates = self._draw_points(frame, generator)
-        known = pool.confidence[frame.numpy()[:, None], target.numpy()[:, None], candidates.numpy()] > 0
-        chosen = _first(torch.from_numpy(known))[:, : config.points]
+        i, j = frame.numpy()[:, None], target.numpy()[:, None]
+        known = torch.from_numpy(self._known(i, j, candidates.numpy()))
+        chosen = _first(known > 0)[:, : config.points]
         chosen = chosen.gather(1, _first(chosen >= self._hard))
         point = candidates.gather(1, chosen)
 
-        i, j, p = frame.numpy()[:, None], target.numpy()[:, None], point.numpy()
+        p = point.numpy()
         moving = pool.moving[i, p]
         return Batch(
             frame=frame,
@@ -93,12 +101,19 @@ class Sampler:
             point=point,
             xy=_tensor(to_units(pool.points[i, p], pool.longer_side)),
             target_xy=_tensor(to_units(pool.targets[i, j, p], pool.longer_side)),
-            confidence=_tensor(pool.confidence[i, j, p]) / 255,
+            confidence=known.gather(1, chosen).float() / 255,
             rgb=_tensor(pool.rgb[i, p]) / 255,
             feature=_tensor(pool.feature[i, p]),
             moving=_tensor(moving == 1),
             masked=_tensor(moving != UNKNOWN_MOTION),
         )
+
+    def _known(
+        self, frame: npt.NDArray[np.int64], target: npt.NDArray[np.int64], point: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.uint8]:
+        """Confidence of links, 0 of those that are held out."""
+        confidence = self._pool.confidence[frame, target, point]
+        return confidence if self._held_out is None else np.where(self._held_out(frame, target, point), 0, confidence)
 
     def _draw_points(self, frame: Int[Tensor, " pair"], generator: Generator) -> Int[Tensor, "pair point"]:
         """`candidates` times as many points as a batch needs; the hard ones among them come first."""

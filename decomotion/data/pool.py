@@ -88,6 +88,8 @@ class Pool:
     object: npt.NDArray[np.float32]
     longer_side: int
     """Of the clip's frames, in pixels."""
+    thinned: str | None = None
+    """What of the links there was no time for, in a line; None: nothing."""
 
     @property
     def num_frames(self) -> int:
@@ -105,16 +107,16 @@ class Pool:
         return self.feature.shape[-1]
 
 
-def open_pool(folders: Iterable[Path], longer_side: int) -> Pool:
+def open_pool(folders: Iterable[Path], longer_side: int, thinned: str | None = None) -> Pool:
     """Opens the arrays of finished stages without loading them; a later folder's array takes an earlier one's place.
 
-    `longer_side` is that of the clip's frames in pixels.
+    `longer_side` is that of the clip's frames in pixels, `thinned` what is missing of the links.
     """
     files = {file.stem: file for folder in folders for file in folder.glob("*.npy")}
     names = [field.name for field in fields(Pool) if field.name in files]
     arrays: dict[str, Any] = {name: np.load(files[name], mmap_mode="r") for name in names}
     targets = PackedPositions(arrays.pop("targets"), longer_side)
-    return Pool(**arrays, targets=targets, longer_side=longer_side)
+    return Pool(**arrays, targets=targets, longer_side=longer_side, thinned=thinned)
 
 
 def affordable_points(frames: int, channels: int, mebibytes: int, filtered: bool = False) -> int:

@@ -21,6 +21,7 @@ from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.flow import FlowEstimator, build_flow
 from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
+from decomotion.data.links.budget import what_is_thinned
 from decomotion.data.links.costs import MIN_POINTS
 from decomotion.data.links.filtering import Grid, build_filtered
 from decomotion.data.links.intervals import pairs_of
@@ -29,7 +30,7 @@ from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.folder import read_masks
 from decomotion.data.motion import build_motion
-from decomotion.data.pool import PackedPositions, Pool, affordable_points, open_pool
+from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, open_pool
 from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
 from decomotion.data.timing import least_seconds
 from decomotion.errors import SupervisionError
@@ -96,7 +97,7 @@ def prepare_in_stages(
         records.append(work.filter.run(work.build_filter, rebuild))
     records.append(work.motion.run(work.build_motion, rebuild))
     give_back()
-    pool = open_pool([record.folder for record in records], work.longer_side)
+    pool = open_pool([record.folder for record in records], work.longer_side, work.thinned)
     return Preparation(pool, tuple(records), work.root, (work.grid.rows, work.grid.columns))
 
 
@@ -192,6 +193,13 @@ class _Work:
         """The jittered grid of the points that were linked."""
         rows, columns = self.links.record(cached=True).facts["grid"]
         return Grid(rows, columns, self.clip.height, self.clip.width)
+
+    @cached_property
+    def thinned(self) -> str | None:
+        """What of the finished links there was no time for, in a line; None: nothing."""
+        rows, columns = grid_shape(self.clip.height, self.clip.width, self.count)
+        intervals, points = self.links.record(cached=True).facts["intervals"], self.grid.rows * self.grid.columns
+        return what_is_thinned(self.config, len(self.clip), intervals, points, rows * columns)
 
     # the stages: of what each is the result; gaps follow the time there was, so that links are known by their record
 

@@ -72,6 +72,14 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
                 f"{precision} weights move tracks by {exported.deviation.mean:.2g} px in the mean, "
                 f"{exported.deviation.p99:.2g} px at the 99th percentile"
             )
+        if exported.thinned is not None:
+            click.echo(exported.thinned)
+        if exported.quality is None:
+            click.echo("how good the fit is was not measured, since it was stopped: end it with decomo-train --resume")
+        else:
+            click.echo(exported.quality.summary())
+            if warning := exported.quality.warning():
+                click.echo(f"{warning}; fit for longer")
     if layout is not None:
         layout.save(model / FILE_NAME)
         click.echo(f"wrote {model}, {layout.clip} in {len(layout.windows)} windows")

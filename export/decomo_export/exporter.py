@@ -26,6 +26,7 @@ from decomotion import checkpoint, windows
 from decomotion.checkpoint import Checkpoint, ClipFacts
 from decomotion.files import replacing
 from decomotion.model.readout import OBJECT_SHARE
+from decomotion.quality import Quality
 
 OCCLUSION_THRESHOLD = 0.5
 """The score is built so that 0.5 is the decision: see `ModelConfig.occlusion_scale`."""
@@ -46,6 +47,10 @@ class Exported:
     parity: Parity
     deviation: Deviation
     """From the same graph in float32."""
+    thinned: str | None
+    """What of the links there was no time for, in a line; None: nothing."""
+    quality: Quality | None
+    """How good the fit is; None where it was stopped before its end."""
 
 
 def export(
@@ -102,7 +107,7 @@ def export(
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:
         onnx.save(proto, temporary)
-    return Exported(Path(path), Path(path).stat().st_size, parity, differs)
+    return Exported(Path(path), Path(path).stat().st_size, parity, differs, loaded.thinned, loaded.quality)
 
 
 def _on_demand(whole: onnx.ModelProto) -> onnx.ModelProto:
@@ -186,6 +191,7 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_BYTES_PER_RAY: str(graph.bytes_per_ray),
         contract.META_BYTES_PER_RENDERED_RAY: str(graph.bytes_per_rendered_ray),
         **unusual_metadata(clip),
+        **({} if loaded.quality is None else {contract.META_QUALITY: loaded.quality.as_json()}),
     }
 
 

@@ -67,6 +67,9 @@ META_PRECISION = "decomotion.precision"
 META_DEVIATION = "decomotion.deviation"
 """`mean p99`, in pixels: how far tracks are from those of the same graph in float32."""
 
+META_QUALITY = "decomotion.quality"
+"""How good the fit is, `decomotion.quality.Quality` in JSON; only where it was measured."""
+
 LAYERS = ("fused", "static", "dynamic", "mask", "depth")
 """What can be rendered of a frame (`layers.py`; the page too)."""
 FARTHEST = FAR

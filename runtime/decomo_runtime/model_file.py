@@ -14,6 +14,8 @@ import numpy as np
 
 from decomo_runtime import contract
 from decomo_runtime.errors import ModelFileError, SessionError
+from decomotion import quality
+from decomotion.quality import Quality
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -50,6 +52,8 @@ class ModelFacts:
     """Seconds of each frame, from 0; None where `fps` says them, and in older files."""
     pixel_aspect: float = 1.0
     """Width of a pixel over its height; 1 in files that do not say."""
+    quality: Quality | None = None
+    """How good the fit is; None in files that do not say."""
 
 
 def open_session(
@@ -133,6 +137,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
             float,
             lambda value: 0 < value < math.inf,
         ),
+        quality=_quality(metadata, path),
     )
 
 
@@ -209,6 +214,18 @@ def _times(metadata: Mapping[str, str], num_frames: int, path: Path) -> tuple[fl
             f"{num_frames} rising seconds from 0; export the model again"
         )
     return tuple(times.tolist())
+
+
+def _quality(metadata: Mapping[str, str], path: Path) -> Quality | None:
+    """None where the file does not say."""
+    if contract.META_QUALITY not in metadata:
+        return None
+    try:
+        return quality.parse(metadata[contract.META_QUALITY])
+    except ValueError as error:
+        raise ModelFileError(
+            f"{path} has the impossible metadata {contract.META_QUALITY} ({error}); export the model again"
+        ) from error
 
 
 def _countable(value: int) -> bool:

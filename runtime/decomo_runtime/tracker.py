@@ -21,6 +21,7 @@ from decomo_runtime.model_file import Providers
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
 from decomo_runtime.windows import WindowModels
+from decomotion.quality import Quality
 from decomotion.times import steady_times
 
 
@@ -92,6 +93,11 @@ class Tracker:
     def preset(self) -> str:
         """Name of the training preset."""
         return self.facts.preset
+
+    @property
+    def quality(self) -> Quality | None:
+        """How good the fit is, by links that were held out of it; None in files that do not say."""
+        return self.facts.quality
 
     @property
     def occlusion_threshold(self) -> float:

@@ -177,6 +177,7 @@ def test_a_fit_is_recorded_and_not_made_again(
     assert set(record["splits"]["strided"]) == SPLITS
     assert record["commit"]
     assert record["model_bytes"] > 0
+    assert record["quality"]["steps"] == 2
     monkeypatch.setattr(accuracy, "run_stage", lambda *command: pytest.fail("made again"))
     capsys.readouterr()
     assert run(accuracy.main, command) == 0

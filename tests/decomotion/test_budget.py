@@ -15,7 +15,7 @@ import pytest
 from decomotion.config import load
 from decomotion.data.config import DataConfig
 from decomotion.data.links import budget, flow_store, matching
-from decomotion.data.links.budget import check_time, scheduled
+from decomotion.data.links.budget import check_time, scheduled, what_is_thinned
 from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.costs import HopCosts
 from decomotion.data.links.flow_store import FlowStore
@@ -119,10 +119,21 @@ def test_flow_has_its_share_and_points_fit_into_the_rest(
 ) -> None:
     chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, seconds, tmp_path / "schedule.json")
     assert chosen == {"intervals": gaps, "seconds_per_field": 2.0, "points": points, "thinned": points < 500}
-    listed = " ".join(map(str, gaps))
-    told = f"{points} of 500 points a frame are linked, by flow at gaps {listed} of 1 2 4" if points < 500 else ""
-    assert told in caplog.text
-    assert bool(caplog.text) == (points < 500)
+    fewer = "" if len(gaps) == 3 else f"flow at gaps {', '.join(map(str, gaps))} of 1, 2, 4 and "
+    told = f"{fewer}{points} of 500 points a frame: budget; for all, give a longer --prepare-budget or --time-budget"
+    assert [record.getMessage() for record in caplog.records] == ([told] if points < 500 else [])
+
+
+def test_what_is_thinned_is_a_line() -> None:
+    config = settings(1.0, "data.flow.longest_interval=8")
+    for gaps, points, line in (
+        ((1, 2), 500, "flow at gaps 1, 2 of 1, 2, 4, 8: budget"),
+        ((1, 2, 4, 8), 300, "300 of 500 points a frame: budget"),
+        ((1,), 300, "flow at gaps 1 of 1, 2, 4, 8 and 300 of 500 points a frame: budget"),
+        ((1, 2, 4, 8), 500, None),
+    ):
+        assert what_is_thinned(config, 40, gaps, points, 500) == line
+    assert what_is_thinned(config, 6, [1, 2, 4], 500, 500) is None  # a short clip has no others
 
 
 def test_a_list_has_all_the_time_it_takes(flows: Flows, caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from decomotion.clip import Clip
 from decomotion.config import load as load_config
 from decomotion.errors import CheckpointError
 from decomotion.model.fusion import DecoMotion
+from decomotion.quality import Figures, GapFigures, Quality
 from full_disk import writes_end_at
 from tiny_fit import TINY_PRESETS, randomised, sliding_square, tiny_model
 
@@ -84,6 +85,30 @@ def test_a_file_from_before_clips_had_times(path: Path):
     del content["clip"]["times"], content["clip"]["pixel_aspect"]
     torch.save(content, path)
     assert load(path).clip == ClipFacts.of(sliding_square())
+
+
+FIGURES = Figures(900, 0.3, 2.0, 0.05, 0.31, 0.8, 0.9, 0.95, 0.1)
+QUALITY = Quality(7, "flow at gaps 1, 2 of 1, 2, 4: budget", FIGURES, FIGURES, None, (GapFigures(1, 1, FIGURES),))
+
+
+def test_how_good_the_fit_is_comes_back(path: Path, model: DecoMotion):
+    assert (load(path).thinned, load(path).quality) == (None, None)
+    save(path, load(path).config, ClipFacts.of(sliding_square()), model, TRAINING, "no time", QUALITY)
+    assert (load(path).thinned, load(path).quality) == ("no time", QUALITY)
+
+
+def test_a_file_from_before_fits_were_measured(path: Path):
+    content = torch.load(path, weights_only=True)
+    del content["thinned"], content["quality"]
+    torch.save(content, path)
+    assert (load(path).thinned, load(path).quality) == (None, None)
+
+
+@pytest.mark.parametrize("damage", [{"quality": "{}"}, {"quality": 3}, {"thinned": 3}])
+def test_damaged_figures(path: Path, damage: dict[str, object]):
+    change(path, **damage)
+    with pytest.raises(CheckpointError, match="is not a decomotion checkpoint, or is damaged"):
+        load(path)
 
 
 def test_no_code_is_in_it(path: Path):

@@ -398,12 +398,13 @@ class TestCache:
             patch.setattr(links_stage.linking, "link", killed)
             with pytest.raises(KeyboardInterrupt):
                 prepare(clip, settings, progress=False)
-        assert "260 of 500 points a frame are linked, by flow at gaps 1 2 4 of 1 2 4" in caplog.text
+        assert "260 of 500 points a frame: budget; for all, give" in caplog.text
         for measured in ("hop_costs", "affordable_points"):
             monkeypatch.setattr(budget.costs, measured, killed)
         prepared = preparation.prepare_in_stages(clip, settings, progress=False)
         assert prepared.grid == (13, 20)
         assert prepared.pool.num_points == 260
+        assert prepared.pool.thinned == "260 of 513 points a frame: budget"  # 500, rounded to rows of one length
 
     def test_a_list_of_gaps_is_linked_whole(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: pytest.fail("measured"))

@@ -16,7 +16,7 @@ import pytest
 import torch
 import yaml
 
-from decomotion import checkpoint, train
+from decomotion import checkpoint, quality, train
 from decomotion.config import Config, load, parse
 from decomotion.console import interrupt_flag
 from decomotion.data.batch import Batch, Sampler
@@ -74,6 +74,7 @@ class TestLearning:
         assert {file.name for file in tiny_run.iterdir()} == {
             "checkpoint.pt",
             "config.yaml",
+            "quality.json",
             "run.json",
             "tensorboard",
             "previews",
@@ -86,7 +87,8 @@ class TestLearning:
         from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
         events = EventAccumulator(str(tiny_run / "tensorboard")).Reload()
-        assert set(events.Tags()["scalars"]) == {f"loss/{name}" for name in LOSSES}
+        held_out = {f"held_out/{kind}" for kind in ("all", "dynamic", "gap_1", "gap_2_to_4", "gap_5_to_7")}
+        assert set(events.Tags()["scalars"]) - {"held_out/static"} == {f"loss/{name}" for name in LOSSES} | held_out
         assert [event.step for event in events.Scalars("loss/flow_fused")] == list(range(1, 21))
 
     def test_the_paper_s_preset(self, tmp_path: Path):
@@ -178,6 +180,52 @@ def assert_equal_bits(first: Path, second: Path) -> None:
         one["training"]["optimiser"]["state"].values(), two["training"]["optimiser"]["state"].values(), strict=True
     ):
         assert all(torch.equal(state[key], other[key]) for key in state)
+
+
+class TestQuality:
+    def test_it_is_kept_in_the_run(self, tiny_run: Path):
+        kept = checkpoint.load(tiny_run / checkpoint.FILE_NAME).quality
+        assert kept is not None
+        assert kept == quality.parse((tiny_run / quality.FILE_NAME).read_text())
+        assert kept.steps == 20
+        assert kept.all.links > 100
+
+    def test_a_longer_fit_has_better_figures(self, tiny_run: Path, tmp_path: Path):
+        short = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=1, progress=False)
+        before, after = (quality.parse((run / quality.FILE_NAME).read_text()) for run in (short, tiny_run))
+        assert after.all.median < before.all.median
+
+    def test_a_resumed_fit_holds_out_the_same_links(self, tmp_path: Path):
+        config = tiny_config("cpu", *TestResume.SETTINGS)
+        straight = fit(CLIP, tmp_path / "straight", config=config, steps=4, seed=5, progress=False)
+        with interruption(2, ctrl_c), pytest.raises(KeyboardInterrupt):
+            fit(CLIP, tmp_path / "run", config=config, steps=4, seed=5, progress=False, stopping=interrupt_flag)
+        assert checkpoint.load(tmp_path / "run" / checkpoint.FILE_NAME).quality is None
+        broken = fit(CLIP, tmp_path / "run", resume=True, progress=False)
+        assert (straight / quality.FILE_NAME).read_text() == (broken / quality.FILE_NAME).read_text()
+
+    def test_of_a_run_that_goes_on_it_is_not_that_of_its_former_end(self, tmp_path: Path):
+        run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=2, progress=False)
+        with interruption(3, ctrl_c), pytest.raises(KeyboardInterrupt):
+            fit(CLIP, run, resume=True, steps=9, progress=False, stopping=interrupt_flag)
+        assert not (run / quality.FILE_NAME).exists()
+        assert checkpoint.load(run / checkpoint.FILE_NAME).quality is None
+
+    def test_what_is_thinned_is_kept_too(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ):
+        """Also where the fit is stopped."""
+        line = "flow at gaps 1 of 1, 2, 4: budget"
+        monkeypatch.setattr("decomotion.data.prepare.what_is_thinned", lambda *_: line)
+        run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=1, progress=False)
+        loaded = checkpoint.load(run / checkpoint.FILE_NAME)
+        assert loaded.quality is not None
+        assert loaded.thinned == loaded.quality.thinned == line
+        assert f"its links are thinned ({line})" in caplog.text
+        assert "fit the clip anew with a longer --prepare-budget and --steps 3000" in caplog.text
+        with interruption(1, ctrl_c), pytest.raises(KeyboardInterrupt):
+            fit(CLIP, run, resume=True, steps=9, progress=False, stopping=interrupt_flag)
+        assert checkpoint.load(run / checkpoint.FILE_NAME).thinned == line
 
 
 class TestResume:
@@ -303,9 +351,14 @@ class TestBudget:
         assert one["step"] > 6
         assert abs(one["step"] - other["step"]) < 5  # stopping takes a few looks at the clock
 
-    def test_of_which_preparation_takes_most(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
-        fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=1e-3, progress=False)
-        assert "expect a poor fit; give a longer --time-budget" in caplog.text
+    @pytest.mark.usefixtures("clock")
+    def test_that_leaves_few_steps_is_said_with_what_to_do(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        run = fit(CLIP, tmp_path / "run", config=tiny_config(), time_budget=1e-3, progress=False)
+        steps = checkpoint.load(run / checkpoint.FILE_NAME).training["step"]
+        assert 1 < steps < 20
+        [said] = [record.getMessage() for record in caplog.records if "starved" in record.getMessage()]
+        assert said.startswith(f"the fit is starved: it took {steps} steps, which is few")
+        assert said.endswith(f"go on with decomo-train on the same clip with --resume --out {run} --time-budget 1m")
 
 
 class TestFailure:

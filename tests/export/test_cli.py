@@ -29,6 +29,28 @@ def test_it_says_what_it_wrote_and_the_parity_it_measured(fitted: Export):
     assert " px in tracks, " in fitted.said
 
 
+def test_it_says_how_good_the_fit_is(fitted: Export):
+    quality = checkpoint.load(fitted.run / checkpoint.FILE_NAME).quality
+    assert quality is not None
+    assert fitted.said.splitlines()[1:] == [quality.summary(), f"{quality.warning()}; fit for longer"]
+    assert "the fit is starved: it took 20 steps, which is few" in fitted.said
+
+
+def test_it_says_what_is_thinned_and_that_a_stopped_fit_was_not_measured(
+    networks: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    line = "flow at gaps 1 of 1, 2, 4: budget"
+    content = torch.load(networks.run / checkpoint.FILE_NAME, weights_only=True)
+    torch.save(content | {"thinned": line}, tmp_path / checkpoint.FILE_NAME)
+    proto = networks.proto()
+    monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+    monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
+    assert main([str(tmp_path / "model.onnx"), "--run", str(tmp_path), "--bake", "none"]) == 0
+    thinned, stopped = capsys.readouterr().out.splitlines()[1:]
+    assert thinned == line
+    assert stopped.startswith("how good the fit is was not measured, since it was stopped")
+
+
 def test_the_runtime_says_what_torch_says(exported: Export):
     tracker = Tracker(exported.path, threads=1)
     assert (tracker.clip_name, tracker.num_frames, tracker.height, tracker.width) == ("sliding", 8, 28, 40)

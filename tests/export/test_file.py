@@ -16,8 +16,10 @@ import decomo_export
 import decomotion
 from decomo_export.exporter import unusual_metadata
 from decomo_runtime import Tracker, contract
+from decomotion import checkpoint
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip
+from decomotion.quality import Quality
 from tiny_export import Export
 from tiny_fit import sliding_square
 from tiny_model import write_tiny_model
@@ -127,7 +129,14 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_BAKE: exported.bake,
         contract.META_PRECISION: "fp32",
         contract.META_DEVIATION: "0 0",
+        **({contract.META_QUALITY: kept.as_json()} if (kept := quality_of(exported)) else {}),
     }
+    assert Tracker(exported.path, threads=1).quality == kept
+    assert (kept is not None) == (name == "fitted")  # the other was never fitted
+
+
+def quality_of(exported: Export) -> Quality | None:
+    return checkpoint.load(exported.run / checkpoint.FILE_NAME).quality
 
 
 def test_metadata_of_an_unusual_clip(tmp_path: Path):

@@ -11,6 +11,7 @@ import pytest
 
 from decomo_runtime import ModelFileError, SessionError, Tracker, contract
 from decomo_runtime.model_file import open_session
+from decomotion.quality import Figures, GapFigures, Quality
 
 WriteModel = Callable[..., Path]
 OPTIONAL = (
@@ -24,6 +25,7 @@ OPTIONAL = (
     contract.META_DEVIATION,
     contract.META_TIMES,
     contract.META_PIXEL_ASPECT,
+    contract.META_QUALITY,
 )
 
 
@@ -73,6 +75,32 @@ def test_facts_of_an_unusual_clip(write_model: WriteModel):
 def test_times_that_are_none(write_model: WriteModel, text: str):
     said = refusal(write_model({contract.META_TIMES: text}))
     assert "it must be a list of 6 rising seconds from 0; export the model again" in said
+
+
+FIGURES = Figures(900, 0.3, 2.0, 0.05, 0.31, 0.8, 0.9, 0.95, 0.1)
+QUALITY = Quality(700, None, FIGURES, FIGURES, None, (GapFigures(1, 1, FIGURES),))
+
+
+def test_how_good_the_fit_is(write_model: WriteModel, tracker: Tracker):
+    assert Tracker(write_model({contract.META_QUALITY: QUALITY.as_json()}), threads=1).quality == QUALITY
+    assert tracker.quality is None
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "Expecting value"),
+        ("[" * 9999, "nested too deeply"),
+        ("{}", "no thinned"),
+        (QUALITY.as_json()[:-2], "Expecting"),
+        (QUALITY.as_json().replace("0.95", "1.95"), "shares that are none"),
+        (QUALITY.as_json().replace("0.3,", "NaN,"), "median = nan"),
+    ],
+)
+def test_figures_that_are_none(write_model: WriteModel, text: str, named: str):
+    said = refusal(write_model({contract.META_QUALITY: text}))
+    assert "impossible metadata decomotion.quality (" in said
+    assert f"{named}" in said
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "16:11"])

@@ -12,7 +12,7 @@ import logging
 import math
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,20 +100,33 @@ def scheduled(
     def affordable(gaps: tuple[int, ...]) -> bool:
         return flow(gaps) <= max(FLOW_SHARE * seconds, seconds - wanted * each(gaps))
 
-    intervals, all_of_them = (
-        choose_intervals(config.flow, frames, max_gap, there_is_time) for there_is_time in (affordable, lambda _: True)
-    )
+    intervals = choose_intervals(config.flow, frames, max_gap, affordable)
     points = wanted
     if hop is not None:
         points = costs.affordable_points(wanted, each(intervals), seconds - flow(intervals))
-    thinned = points < wanted or intervals != all_of_them
-    if thinned:
-        what = "%d of %d points a frame are linked, by flow at gaps %s of %s: for all, a longer --prepare-budget or"
-        log.warning(f"{what} --time-budget", points, wanted, _listed(intervals), _listed(all_of_them))
-    chosen = {"intervals": list(intervals), "seconds_per_field": cost, "points": points, "thinned": thinned}
+    thinned = what_is_thinned(config, frames, intervals, points, wanted)
+    if thinned is not None:
+        log.warning("%s; for all, give a longer --prepare-budget or --time-budget", thinned)
+    chosen = {
+        "intervals": list(intervals),
+        "seconds_per_field": cost,
+        "points": points,
+        "thinned": thinned is not None,
+    }
     write_whole(file, lambda path: path.write_text(json.dumps(chosen), encoding="utf-8"))
     return chosen
 
 
-def _listed(gaps: tuple[int, ...]) -> str:
-    return " ".join(map(str, gaps))
+def what_is_thinned(config: DataConfig, frames: int, intervals: Sequence[int], points: int, wanted: int) -> str | None:
+    """What the budget has left out, in a line, with flow at these gaps and so many of the `wanted` points linked.
+
+    None where that is all of both.
+    """
+    every = choose_intervals(config.flow, frames, config.pool.max_gap, lambda _: True)
+    gaps = [f"flow at gaps {_listed(intervals)} of {_listed(every)}"] if tuple(intervals) != every else []
+    fewer = [f"{points} of {wanted} points a frame"] if points < wanted else []
+    return " and ".join(gaps + fewer) + ": budget" if gaps or fewer else None
+
+
+def _listed(gaps: Sequence[int]) -> str:
+    return ", ".join(map(str, gaps))
