@@ -139,7 +139,7 @@ class FrozenModel(nn.Module):
 
     def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
         """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""
-        wanted = torch.ones_like(is_static) if wanted is None else wanted
+        wanted = is_static | ~is_static if wanted is None else wanted  # not ones_like: it would fix the traced size
         alone = self.static is None or self.dynamic is None
         first = torch.zeros(1, dtype=torch.int64)
         parts = []

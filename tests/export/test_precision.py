@@ -36,7 +36,7 @@ def test_float16_weights_of_a_fully_baked_model(canonical: Export):
 
 
 def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(exporter, "_trace", lambda graph: fitted.proto())
+    monkeypatch.setattr(exporter, "trace", lambda graph: fitted.proto())
     monkeypatch.setattr(exporter, "_on_demand", lambda whole: whole)
     monkeypatch.setattr(exporter, "deviation", lambda *_: Deviation(0.3, 0.75))
     with pytest.raises(
