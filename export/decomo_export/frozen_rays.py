@@ -118,10 +118,10 @@ class FrozenModel(nn.Module):
         """Samples the rays through pixels `xy`, each of its `frame`."""
         depths = sample_depths(xy.new_zeros(2), self.config.samples)
         shape = (xy.shape[1], self.config.samples)
+        nothing, one = (xy.new_full((1, 1), value).expand(shape) for value in (0.0, 1.0))  # other ways fix the size
         matter = []
         for volume in (self.static, self.dynamic):
             if volume is None:
-                nothing = xy.new_zeros(shape)
                 matter.append(MatterColumns(nothing, nothing.expand(3, *shape), nothing))
                 continue
             found = volume.matter(volume.to_canonical(xy, depths[None], frame))
@@ -133,7 +133,7 @@ class FrozenModel(nn.Module):
                 )
             )
         static, dynamic = matter
-        beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
+        beta = one if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
         return FrozenRays(depths, tuple(matter), tuple(weights))
 

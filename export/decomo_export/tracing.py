@@ -7,11 +7,13 @@ afterwards, so that the time depends on the number of operators alone.
 
 from __future__ import annotations
 
-import io
 import logging
+import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import onnx
 import onnx_ir
@@ -28,12 +30,12 @@ def trace(graph: QueryGraph) -> onnx.ModelProto:
     """The graph's `forward`, for any number of queries and frames."""
     queries = torch.tensor([[0.0, 1.0, 2.0], [1.0, 3.0, 4.0], [0.0, 5.0, 6.0]])
     frames = torch.tensor([0, 1, 0, 1, 1])
-    traced = io.BytesIO()
-    with _quiet(), _all_operators(), torch.no_grad():
+    with tempfile.TemporaryDirectory() as folder, _quiet(), _all_operators(), torch.no_grad():
+        path = Path(folder) / "traced.onnx"
         torch.onnx.export(
             graph,
             (queries, frames),
-            traced,
+            path,
             dynamo=False,
             export_params=False,
             do_constant_folding=False,
@@ -42,7 +44,7 @@ def trace(graph: QueryGraph) -> onnx.ModelProto:
             output_names=list(contract.OUTPUTS),
             opset_version=contract.OPSET,
         )
-    model = onnx_ir.from_proto(onnx.load_from_string(traced.getvalue()))
+        model = onnx_ir.from_proto(onnx.load(path))
     _attach(model, graph.state_dict())
     _tidy(model)
     proto = onnx_ir.to_proto(model)
@@ -67,21 +69,23 @@ def _quiet() -> Iterator[None]:
 @contextmanager
 def _all_operators() -> Iterator[None]:
     """The one operator of ours that the tracer does not know."""
-    torch.onnx.register_custom_op_symbolic("aten::expm1", _expm1, contract.OPSET)
+    torch.onnx.register_custom_op_symbolic("aten::expm1", _expm1, contract.OPSET)  # pyright: ignore[reportPrivateImportUsage]
     try:
         yield
     finally:
-        torch.onnx.unregister_custom_op_symbolic("aten::expm1", contract.OPSET)
+        torch.onnx.unregister_custom_op_symbolic("aten::expm1", contract.OPSET)  # pyright: ignore[reportPrivateImportUsage]
 
 
-def _expm1(context: torch.onnx.JitScalarType, x: torch.Value) -> torch.Value:
+def _expm1(context: Any, x: torch.Value) -> torch.Value:
     return context.op("Sub", context.op("Exp", x), context.op("Constant", value_t=torch.tensor(1.0)))
 
 
 def _attach(model: onnx_ir.Model, weights: dict[str, Tensor]) -> None:
     """Makes constants of the inputs that are named as weights are; their memory is shared."""
     graph = model.graph
-    for value in [each for each in graph.inputs if each.name in weights]:
+    for value in list(graph.inputs):
+        if value.name is None or value.name not in weights:
+            continue
         graph.inputs.remove(value)
         value.const_value = onnx_ir.tensor(weights[value.name].numpy(), name=value.name)
         graph.register_initializer(value)
