@@ -1,8 +1,8 @@
 """From the torch module to the body of the ONNX graph.
 
 By torch's older tracer, which runs the module once and notes its operators in C++: the same operators as by
-`torch.export`, in a tenth of the time. No table passes through it: weights are the trace's inputs and are attached
-afterwards, so that the time depends on the number of operators alone.
+`torch.export`, in a tenth of the time. Weights are the trace's inputs and are attached afterwards, tables at the very
+end: the graph is the same for every number of frames, and so is the time.
 """
 
 from __future__ import annotations
@@ -28,9 +28,12 @@ from decomo_runtime import contract
 
 def trace(graph: QueryGraph) -> onnx.ModelProto:
     """The graph's `forward`, for any number of queries and frames."""
+    torch.onnx.register_custom_op_symbolic(  # pyright: ignore[reportPrivateImportUsage]
+        "aten::expm1", _expm1, contract.OPSET
+    )
     queries = torch.tensor([[0.0, 1.0, 2.0], [1.0, 3.0, 4.0], [0.0, 5.0, 6.0]])
     frames = torch.tensor([0, 1, 0, 1, 1])
-    with tempfile.TemporaryDirectory() as folder, _quiet(), _all_operators(), torch.no_grad():
+    with tempfile.TemporaryDirectory() as folder, _quiet(), torch.no_grad():
         path = Path(folder) / "traced.onnx"
         torch.onnx.export(
             graph,
@@ -45,8 +48,9 @@ def trace(graph: QueryGraph) -> onnx.ModelProto:
             opset_version=contract.OPSET,
         )
         model = onnx_ir.from_proto(onnx.load(path))
-    _attach(model, graph.state_dict())
+    _attach(model, dict(graph.named_parameters()))
     _tidy(model)
+    _attach(model, dict(graph.named_buffers()))
     proto = onnx_ir.to_proto(model)
     del proto.graph.value_info[:]  # the traced sizes
     return proto
@@ -66,17 +70,8 @@ def _quiet() -> Iterator[None]:
         log.setLevel(level)
 
 
-@contextmanager
-def _all_operators() -> Iterator[None]:
-    """The one operator of ours that the tracer does not know."""
-    torch.onnx.register_custom_op_symbolic("aten::expm1", _expm1, contract.OPSET)  # pyright: ignore[reportPrivateImportUsage]
-    try:
-        yield
-    finally:
-        torch.onnx.unregister_custom_op_symbolic("aten::expm1", contract.OPSET)  # pyright: ignore[reportPrivateImportUsage]
-
-
 def _expm1(context: Any, x: torch.Value) -> torch.Value:
+    """The one operator of ours that the tracer does not know."""
     return context.op("Sub", context.op("Exp", x), context.op("Constant", value_t=torch.tensor(1.0)))
 
 
@@ -87,15 +82,15 @@ def _attach(model: onnx_ir.Model, weights: dict[str, Tensor]) -> None:
         if value.name is None or value.name not in weights:
             continue
         graph.inputs.remove(value)
-        value.const_value = onnx_ir.tensor(weights[value.name].numpy(), name=value.name)
+        value.const_value = onnx_ir.tensor(weights[value.name].detach().numpy(), name=value.name)
         graph.register_initializer(value)
 
 
 def _tidy(model: onnx_ir.Model) -> None:
     """Constants folded, nothing twice, nothing unused.
 
-    What the tracer notes at each node, a third of the file with paths of this machine in it, is dropped. Look-up tables
-    are left as they are: a runtime unfolds them when it loads.
+    What the tracer notes at each node, a third of the file with paths of this machine in it, is dropped, and so are its
+    names. Tables are not there yet: a runtime unfolds them when it loads.
     """
     onnxscript.optimizer.fold_constants(model)
     passes = (
@@ -107,3 +102,9 @@ def _tidy(model: onnx_ir.Model) -> None:
     )
     for each in passes:
         each(model)
+    named = {output.name for output in model.graph.outputs}
+    for number, node in enumerate(model.graph):
+        node.name = ""
+        for index, output in enumerate(node.outputs):
+            if output.name not in named:
+                output.name = f"{number}.{index}" if index else f"{number}"
