@@ -8,15 +8,20 @@ outline stays an outline.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
+from decomo_export.frame import FrameModel
 from decomo_export.frozen_rays import FrozenModel, Hit, Part
 from decomo_export.lookup import Raster
 from decomotion.geometry import ImagePlane
+from decomotion.model.fusion import DecoMotion, PairConditioning
 from decomotion.pseudo_depth import FAR
 
 Bake = Literal["none", "depth", "full"]
@@ -24,13 +29,18 @@ SIDE = 256
 """Longest side of a table's raster: the finest grids of the `cpu` preset have half as many cells."""
 LEVELS = 2**15
 """Codes of each volume."""
-RAYS_AT_ONCE = 1 << 14
+RAYS_AT_ONCE = 1 << 11
+"""So few that their samples stay in a core's cache."""
+
+LARGEST_KEPT = 31 << 20
+"""Bytes. Once it has freed a block of that size, glibc keeps smaller ones for the next array; until then it gives each
+back to the system, which clears its pages again: a third of the time."""
 
 
-def build_surfaces(model: FrozenModel, bake: Bake) -> Rendered | BakedSurfaces:
+def build_surfaces(model: DecoMotion, frozen: FrozenModel, bake: Bake) -> Rendered | BakedSurfaces:
     """The source of surfaces: called with pixels [2, point] and frames [point], it gives a `Hit`."""
     if bake == "none":
-        return Rendered(model)
+        return Rendered(frozen)
     return BakedSurfaces(model, canonical=bake == "full")
 
 
@@ -60,7 +70,7 @@ class BakedSurfaces(nn.Module):
     """Surfaces from a table of codes, int16 [row, column, frame, channel]; see the module's docstring.
 
     Args:
-        model: what is rendered into the table.
+        model: what is rendered into the table, by as many threads as torch has.
         canonical: whether the table holds canonical positions (three channels) or pseudo-depth (one).
     """
 
@@ -70,15 +80,14 @@ class BakedSurfaces(nn.Module):
     lowest: Tensor
     step: Tensor
 
-    def __init__(self, model: FrozenModel, *, canonical: bool) -> None:
+    def __init__(self, model: DecoMotion, *, canonical: bool) -> None:
         super().__init__()
-        self.model, self.holds_canonical = model, canonical
+        self.holds_canonical = canonical
         self.raster = Raster(model.num_frames, *table_size(model.plane))
         scale = torch.tensor([[self.raster.width / model.plane.width], [self.raster.height / model.plane.height]])
-        self.register_buffer("scale", scale, persistent=False)
-        self.register_buffer("offset", scale / 2 - 0.5, persistent=False)
-        values, is_static = self._render()
-        self._encode(values, is_static)
+        self.register_buffer("scale", scale)
+        self.register_buffer("offset", scale / 2 - 0.5)
+        self._encode(*self._render(model))
 
     def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Hit:
         """The surface at pixels `xy` of each point's `frame`."""
@@ -114,54 +123,80 @@ class BakedSurfaces(nn.Module):
         corners = torch.cat([upper[:, :-1], upper[:, 1:], lower[:, :-1], lower[:, 1:]], dim=-1)
         return corners.flatten(0, 2)
 
-    def _render(self) -> tuple[Float[Tensor, "channel point"], Bool[Tensor, " point"]]:
-        """Values and owners of all pixels of all frames, frame by frame, row by row."""
-        raster = self.raster
+    def _render(self, model: DecoMotion) -> tuple[Float[Tensor, "frame channel pixel"], Bool[Tensor, "frame pixel"]]:
+        """Values and owners of all pixels of all frames, row by row."""
+        raster, count = self.raster, model.num_frames
         y, x = torch.meshgrid(torch.arange(raster.height), torch.arange(raster.width), indexing="ij")
-        xy = (torch.stack([x, y]).flatten(1) - self.offset) / self.scale
-        values, owners = [], []
+        pixels = ((torch.stack([x, y]).flatten(1) - self.offset) / self.scale).split(RAYS_AT_ONCE, dim=1)
+        values = torch.empty(count, 3 if self.holds_canonical else 1, x.numel())
+        is_static = torch.empty(count, x.numel(), dtype=torch.bool)
         with torch.no_grad():
-            for frame in range(self.model.num_frames):
-                for part in xy.split(RAYS_AT_ONCE, dim=1):
-                    frames = torch.full((part.shape[1],), frame)
-                    depth, is_static = self.model.cast(part, frames).hit()
-                    values.append(self._to_canonical(part, depth, is_static, frames) if self.holds_canonical else depth)
-                    owners.append(is_static)
-        return torch.cat(values, dim=1), torch.cat(owners)
+            conditioning = model.condition(torch.arange(count))
 
-    def _to_canonical(
-        self,
-        xy: Float[Tensor, "2 point"],
-        depth: Float[Tensor, "1 point"],
-        is_static: Bool[Tensor, " point"],
-        frame: Int[Tensor, " point"],
-    ) -> Float[Tensor, "3 point"]:
-        found = xy.new_zeros(3, xy.shape[1])
-        for part in self.model.parts(is_static):
-            place = part.place
-            found[:, place] = part.volume.to_canonical(xy[:, place], depth[:, place].T, frame[place])
-        return found
+        @torch.no_grad()
+        def render(frame: int) -> None:
+            row = torch.tensor([frame])
+            seen = FrameModel(model, PairConditioning(*(volume.take(row) for volume in conditioning)))
+            for part, found, owners in zip(
+                pixels, values[frame].split(RAYS_AT_ONCE, 1), is_static[frame].split(RAYS_AT_ONCE), strict=True
+            ):
+                hit = seen.hit(part)
+                found.copy_(seen.canonical(part, hit) if self.holds_canonical else hit.values)
+                owners.copy_(hit.is_static)
 
-    def _encode(self, values: Float[Tensor, "channel point"], is_static: Bool[Tensor, " point"]) -> None:
-        channels = len(values)
-        lowest, step, codes = torch.zeros(2, channels, 1), torch.ones(2, channels, 1), torch.zeros_like(values)
+        torch.empty(LARGEST_KEPT, dtype=torch.uint8)
+        threads = torch.get_num_threads()
+        with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
+            try:
+                for _ in pool.map(render, range(count)):
+                    pass
+            finally:
+                pool.shutdown(cancel_futures=True)
+        return values, is_static
+
+    def _encode(self, values: Float[Tensor, "frame channel pixel"], is_static: Bool[Tensor, "frame pixel"]) -> None:
+        count, channels, _ = values.shape
+        lowest, step = torch.zeros(2, channels, 1), torch.ones(2, channels, 1)
         for owner in (False, True):
-            of_owner = is_static == owner
-            if not of_owner.any():
-                continue
-            mine = values[:, of_owner]
-            if self.holds_canonical:
-                low, high = mine.amin(1, keepdim=True), mine.amax(1, keepdim=True)
-            else:
-                low, high = torch.zeros(1, 1), torch.full((1, 1), FAR)
+            low, high = self._range(values, is_static == owner)
             apart = (high - low).clamp_min(1e-6) / (LEVELS - 1)
             lowest[int(owner)], step[int(owner)] = low - apart / 2, apart  # `forward` finds codes and a half
-            code = ((mine - low) / apart).round().clamp(0.0, LEVELS - 1.0)
-            codes[:, of_owner] = code if owner else -1 - code
-        table = codes.to(torch.int16).T.reshape(-1, self.raster.height, self.raster.width, channels)
-        self.register_buffer("codes", table.permute(1, 2, 0, 3).contiguous(), persistent=False)
-        self.register_buffer("lowest", lowest, persistent=False)
-        self.register_buffer("step", step, persistent=False)
+        codes = torch.empty(self.raster.height, self.raster.width, count, channels, dtype=torch.int16)
+        for frame, (of_frame, owners) in enumerate(zip(values, is_static, strict=True)):
+            static, dynamic = (((of_frame - lowest[owner]) / step[owner] - 0.5).round() for owner in (1, 0))
+            code = torch.where(owners, static.clamp(0, LEVELS - 1), -1 - dynamic.clamp(0, LEVELS - 1))
+            codes[:, :, frame] = code.to(torch.int16).T.unflatten(0, codes.shape[:2])
+        self.register_buffer("codes", codes)
+        self.register_buffer("lowest", lowest)
+        self.register_buffer("step", step)
+
+    def _range(
+        self, values: Float[Tensor, "frame channel pixel"], owned: Bool[Tensor, "frame pixel"]
+    ) -> tuple[Float[Tensor, "channel 1"], Float[Tensor, "channel 1"]]:
+        """Lowest and highest value of those that are `owned`; nothing is found where none is."""
+        channels = values.shape[1]
+        if not (self.holds_canonical and owned.any()):
+            return torch.zeros(channels, 1), torch.full((channels, 1), FAR)
+        infinite = torch.tensor(torch.inf)
+        lows, highs = zip(
+            *(
+                (torch.where(mine, of_frame, infinite).amin(1), torch.where(mine, of_frame, -infinite).amax(1))
+                for of_frame, mine in zip(values, owned, strict=True)
+            ),
+            strict=True,
+        )
+        return torch.stack(lows).amin(0)[:, None], torch.stack(highs).amax(0)[:, None]
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Operators of torch run in the thread that calls them: threads that share each one wait for the slowest."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def table_size(plane: ImagePlane) -> tuple[int, int]:

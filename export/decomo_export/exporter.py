@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import json
-import logging
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import onnx
-import onnx_ir
-import onnx_ir.passes.common
-import onnxscript.optimizer
-import torch
 
 import decomotion
 from decomo_export.baking import Bake
@@ -21,6 +15,7 @@ from decomo_export.graph import QueryGraph
 from decomo_export.lazy import compute_on_demand
 from decomo_export.parity import Parity, measure
 from decomo_export.precision import LIMIT_PIXELS, Deviation, Precision, deviation, reduce_precision
+from decomo_export.tracing import trace
 from decomo_runtime import contract
 from decomotion import checkpoint, windows
 from decomotion.checkpoint import Checkpoint, ClipFacts
@@ -87,7 +82,7 @@ def export(
             f"{folder} was stopped before its first step; go on with decomo-train --resume --out {folder}, then export"
         )
     graph = QueryGraph(loaded.model.eval(), bake).eval()
-    whole = _trace(graph)
+    whole = trace(graph)
     parity = measure(graph, _on_demand(whole), force)
     proto = reduce_precision(whole, precision)
     differs = Deviation(0.0, 0.0)
@@ -116,51 +111,6 @@ def _on_demand(whole: onnx.ModelProto) -> onnx.ModelProto:
     proto.CopyFrom(whole)
     compute_on_demand(proto)
     return proto
-
-
-def _trace(graph: QueryGraph) -> onnx.ModelProto:
-    queries = torch.tensor([[0.0, 1.0, 2.0], [1.0, 3.0, 4.0], [0.0, 5.0, 6.0]])
-    frames = torch.tensor([0, 1, 0, 1, 1])
-    dynamic = {"queries": {0: torch.export.Dim.DYNAMIC}, "frames": {0: torch.export.Dim.DYNAMIC}}
-    level = logging.getLogger("torch.onnx").level
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")  # the exporter's own deprecations are not the user's concern
-            program = torch.onnx.export(
-                graph,
-                (queries, frames),
-                dynamo=True,
-                dynamic_shapes=dynamic,
-                input_names=list(contract.INPUTS),
-                output_names=list(contract.OUTPUTS),
-                opset_version=contract.OPSET,
-                optimize=False,
-                verbose=False,
-            )
-    finally:
-        logging.getLogger("torch.onnx").setLevel(level)
-    assert program is not None
-    return _tidy(program.model)
-
-
-def _tidy(model: onnx_ir.Model) -> onnx.ModelProto:
-    """Constants folded, nothing twice, nothing unused: what onnxscript's optimiser does in a twentieth of its time.
-
-    What the tracer notes at each node, a third of the file with paths of this machine in it, is dropped. Look-up tables
-    are left as they are: a runtime unfolds them when it loads.
-    """
-    onnxscript.optimizer.fold_constants(model)
-    passes = (
-        onnx_ir.passes.common.LiftConstantsToInitializersPass(lift_all_constants=True, size_limit=0),
-        onnx_ir.passes.common.DeduplicateInitializersPass(),
-        onnx_ir.passes.common.CommonSubexpressionEliminationPass(),
-        onnx_ir.passes.common.RemoveUnusedNodesPass(),
-        onnx_ir.passes.common.ClearMetadataAndDocStringPass(),
-    )
-    for each in passes:
-        each(model)
-    return onnx_ir.to_proto(model)
 
 
 def _name_axes(proto: onnx.ModelProto) -> None:

@@ -54,8 +54,8 @@ class FrozenVolume(nn.Module):
         for index, (before, after) in enumerate(pairwise([*axes, canonical] if axes else [])):
             forward = after @ torch.linalg.inv(before)
             for name, matrix in (("turn", forward), ("back", torch.linalg.inv(forward))):
-                self.register_buffer(f"{name}_{index}", matrix[:3, :3].float(), persistent=False)
-                self.register_buffer(f"{name}_offset_{index}", matrix[:3, 3:].float(), persistent=False)
+                self.register_buffer(f"{name}_{index}", matrix[:3, :3].float())
+                self.register_buffer(f"{name}_offset_{index}", matrix[:3, 3:].float())
         self.field = FrozenGridField(volume.field) if isinstance(volume.field, GridField) else ByRows(volume.field)
         self.volume = volume
 
@@ -64,22 +64,17 @@ class FrozenVolume(nn.Module):
 
         Column by column: what x, y and depth are multiplied by, then what is added.
         """
-        scale = plane.half_side
-        normalise = torch.diag(maps.new_tensor([1 / scale, 1 / scale, 1.0, 1.0]))
-        normalise[:3, 3] = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
-        bottom = maps.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(maps), 1, 4)
-        forward, inverse = (torch.cat([part, bottom], dim=1) for part in maps.split(4, dim=-1))
-        to_first = axes @ forward @ normalise
-        from_first = torch.linalg.inv(normalise) @ inverse @ torch.linalg.inv(axes)
-        self.register_buffer("to_first", to_first[:, :3].mT.flatten(1).float(), persistent=False)
-        self.register_buffer("from_first", from_first[:, :2].mT.flatten(1).float(), persistent=False)
+        forward, inverse = from_pixels(maps, plane)
+        to_first, from_first = axes @ forward, inverse @ torch.linalg.inv(axes)
+        self.register_buffer("to_first", to_first[:, :3].mT.flatten(1).float())
+        self.register_buffer("from_first", from_first[:, :2].mT.flatten(1).float())
 
     def to_canonical(
         self, xy: Float[Tensor, "2 point"], depth: Float[Tensor, "_ sample"], frame: Int[Tensor, " point"]
     ) -> Float[Tensor, "3 point_sample"]:
         """Canonical positions of points at pixels `xy` of their frames, at pseudo-depths of their own, or of all."""
         x, y = xy.split(1)
-        by_x, by_y, by_depth, added = self.to_first.index_select(0, frame).T.chunk(4)
+        by_x, by_y, by_depth, added = self.to_first.index_select(0, frame).T.split(3)
         nearest = by_x * x + by_y * y + added
         turned = (by_depth[:, :, None] * depth + nearest[:, :, None]).flatten(1)
         frames = frame[:, None].expand(-1, depth.shape[1]).flatten()
@@ -99,7 +94,7 @@ class FrozenVolume(nn.Module):
             log_scale, shift = self.couplings[index](place, frame)
             turned = torch.cat([place, (along - shift) / torch.exp(log_scale)])
         x, y, depth = turned.split(1)
-        by_x, by_y, by_depth, added = self.from_first.index_select(0, frame).T.chunk(4)
+        by_x, by_y, by_depth, added = self.from_first.index_select(0, frame).T.split(2)
         return by_x * x + by_y * y + by_depth * depth + added
 
     def matter(self, canonical: Float[Tensor, "3 point"]) -> MatterColumns:
@@ -108,6 +103,18 @@ class FrozenVolume(nn.Module):
         raw = torch.addmm(head.bias[:, None], head.weight, self.field(canonical))
         density = raw[3] + self.volume.surface_prior(canonical[2])
         return MatterColumns(F.softplus(density), torch.sigmoid(raw[:3]), torch.sigmoid(raw[4]))
+
+
+def from_pixels(
+    maps: Float[Tensor, "frame 3 8"], plane: ImagePlane
+) -> tuple[Float[Tensor, "frame 4 4"], Float[Tensor, "frame 4 4"]]:
+    """Affine maps and their inverses, homogeneous, from (x, y in pixels, pseudo-depth) instead of local coordinates."""
+    scale = plane.half_side
+    normalise = torch.diag(maps.new_tensor([1 / scale, 1 / scale, 1.0, 1.0]))
+    normalise[:3, 3] = maps.new_tensor([-plane.centre[0] / scale, -plane.centre[1] / scale, -1.0])
+    bottom = maps.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(maps), 1, 4)
+    forward, inverse = (torch.cat([part, bottom], dim=1) for part in maps.split(4, dim=-1))
+    return forward @ normalise, torch.linalg.inv(normalise) @ inverse
 
 
 def _freeze_coupling(layer: CouplingLayer, rows: Tensor) -> FrozenGrid | FrozenNetwork:
@@ -156,7 +163,7 @@ class FrozenNetwork(nn.Module):
     def __init__(self, conditioner: nn.Module, rows: Float[Tensor, "frame hidden"]) -> None:
         super().__init__()
         self.conditioner = conditioner
-        self.register_buffer("rows", rows, persistent=False)
+        self.register_buffer("rows", rows)
         self.scale, self.offset = torch.ones(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
 
     def forward(
@@ -184,8 +191,8 @@ class FrozenGridField(nn.Module):
         matrix = torch.cat([*(grid.scale[:, None] * each for grid, each in zip(grids, axes, strict=True)), unit])
         offset = torch.cat([*(grid.offset for grid in grids), torch.zeros(3)])
         self.network = field.network
-        self.register_buffer("matrix", matrix.float(), persistent=False)
-        self.register_buffer("offset", offset[:, None].float(), persistent=False)
+        self.register_buffer("matrix", matrix.float())
+        self.register_buffer("offset", offset[:, None].float())
 
     def forward(self, points: Float[Tensor, "3 point"]) -> Float[Tensor, "width point"]:
         """The MLP's last hidden layer at canonical positions."""

@@ -118,10 +118,10 @@ class FrozenModel(nn.Module):
         """Samples the rays through pixels `xy`, each of its `frame`."""
         depths = sample_depths(xy.new_zeros(2), self.config.samples)
         shape = (xy.shape[1], self.config.samples)
+        nothing, one = (xy.new_full((1, 1), value).expand(shape) for value in (0.0, 1.0))  # other ways fix the size
         matter = []
         for volume in (self.static, self.dynamic):
             if volume is None:
-                nothing = xy.new_zeros(shape)
                 matter.append(MatterColumns(nothing, nothing.expand(3, *shape), nothing))
                 continue
             found = volume.matter(volume.to_canonical(xy, depths[None], frame))
@@ -133,13 +133,13 @@ class FrozenModel(nn.Module):
                 )
             )
         static, dynamic = matter
-        beta = torch.ones_like(static.confidence) if self.dynamic is None else static.confidence
+        beta = one if self.dynamic is None else static.confidence
         weights = fused_weights(static.density, dynamic.density, beta)
         return FrozenRays(depths, tuple(matter), tuple(weights))
 
     def parts(self, is_static: Bool[Tensor, " point"], wanted: Bool[Tensor, " point"] | None = None) -> list[Part]:
         """The points that are `wanted`, by default all, by owner: no volume is asked about the other's points."""
-        wanted = torch.ones_like(is_static) if wanted is None else wanted
+        wanted = is_static | ~is_static if wanted is None else wanted  # not ones_like: it would fix the traced size
         alone = self.static is None or self.dynamic is None
         first = torch.zeros(1, dtype=torch.int64)
         parts = []

@@ -29,7 +29,7 @@ class QueryGraph(nn.Module):
     def __init__(self, model: DecoMotion, bake: Bake = "none") -> None:
         super().__init__()
         self.model = FrozenModel(model)
-        self.surfaces = build_surfaces(self.model, bake)
+        self.surfaces = build_surfaces(model, self.model, bake)
         self.bake = bake
 
     @property

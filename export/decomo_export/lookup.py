@@ -31,10 +31,10 @@ class Raster(nn.Module):
         self.height, self.width = height, width
         # the largest numbers below the last sample's: rounded down, they give the last cell
         last = np.nextafter(np.array([[width - 1], [height - 1]], np.float32), np.float32(0))
-        self.register_buffer("last", torch.from_numpy(last), persistent=False)
+        self.register_buffer("last", torch.from_numpy(last))
         numbers = torch.float32 if frames * height * width < EXACT else torch.float64
         stride = torch.tensor([frames, frames * (width - 1)], dtype=numbers)
-        self.register_buffer("stride", stride, persistent=False)
+        self.register_buffer("stride", stride)
 
     def forward(
         self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None
@@ -65,7 +65,7 @@ class CellGrid(nn.Module):
         self.raster = Raster(len(grids), height, width)
         self.offset = torch.tensor([width - 1.0, height - 1.0], dtype=torch.float64) / 2
         self.scale = self.offset / reach.double()
-        self.register_buffer("grids", grids.permute(2, 3, 0, 1).contiguous(), persistent=False)
+        self.register_buffer("grids", grids.permute(2, 3, 0, 1).contiguous())
 
     def forward(
         self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None = None
@@ -73,8 +73,8 @@ class CellGrid(nn.Module):
         """The values at `place`, in samples, each point in the grid of its `frame`; None: there is one grid for all."""
         row, within = self.raster(place, frame)
         right, down = within.split(1)
-        start, slope = self._rows().index_select(0, row).T.chunk(2)
-        value, descent = (start + right * slope).chunk(2)
+        start, slope = self._rows().index_select(0, row).T.split(2 * self.channels)
+        value, descent = (start + right * slope).split(self.channels)
         return value + down * descent
 
     def _rows(self) -> Float[Tensor, "cell coefficient_channel"]:

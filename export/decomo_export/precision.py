@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,17 +89,13 @@ def _in_int8(proto: onnx.ModelProto) -> onnx.ModelProto:
             f"int8 would change nothing: it is for layers of {NARROWEST} inputs and outputs or more, which this model "
             "does not have; export with --precision fp16, or fp32"
         )
-    level = logging.getLogger().level
-    logging.getLogger().setLevel(logging.ERROR)  # it recommends a preprocessing that would add nothing
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "quantised.onnx"
-            quantize_dynamic(
-                products, path, nodes_to_quantize=wide, weight_type=QuantType.QInt8, per_channel=True, reduce_range=True
-            )
-            reduced = onnx.load(path)
-    finally:
-        logging.getLogger().setLevel(level)
+    helper.set_model_props(products, {"onnx.quant.pre_process": "onnxruntime.quant"})  # else it recommends that
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "quantised.onnx"
+        quantize_dynamic(
+            products, path, nodes_to_quantize=wide, weight_type=QuantType.QInt8, per_channel=True, reduce_range=True
+        )
+        reduced = onnx.load(path)
     kept = [opset for opset in reduced.opset_import if opset.domain == ""]
     del reduced.opset_import[:]
     reduced.opset_import.extend(kept)

@@ -78,9 +78,9 @@ def random_networks(folder: Path, *overrides: str) -> Path:
 
 def exported_as(path: Path, run: Path, bake: Bake, precision: Precision = "fp32") -> Export:
     """`run` exported through Python; what differs in precision alone is traced once, which takes most of the time."""
-    trace = exporter._trace
+    trace = exporter.trace
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exporter, "_trace", lambda graph: traced(run, bake, lambda: trace(graph)))
+        patch.setattr(exporter, "trace", lambda graph: traced(run, bake, lambda: trace(graph)))
         exported = export(path, run, bake=bake, precision=precision, force=precision != "fp32")
     return Export(exported.path, run, "", bake)
 

@@ -147,7 +147,7 @@ class TestRefused:
         self, elsewhere: Path, networks: Export, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ):
         proto = networks.proto()
-        monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+        monkeypatch.setattr(exporter, "trace", lambda graph: proto)
         monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
 
         def measure(*args: object) -> Parity:
@@ -167,7 +167,7 @@ def test_without_a_run_it_is_the_most_recent(elsewhere: Path, networks: Export, 
     load = checkpoint.load
     monkeypatch.setattr(checkpoint, "load", lambda path: loaded.append(path) or load(path))
     proto = networks.proto()
-    monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+    monkeypatch.setattr(exporter, "trace", lambda graph: proto)
     monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
     assert main(["model.onnx", "--bake", "none"]) == 0
     assert loaded == [Path("runs/new/checkpoint.pt")]

@@ -38,7 +38,7 @@ AXES = {
 }
 TYPES = {contract.FRAMES: TensorProto.INT64}
 RUN_BY_1_18 = (
-    "Abs Add And Cast CastLike Clip Concat ConstantOfShape Cos CumSum Div Equal Exp Expand Floor Gather Gemm "
+    "Abs Add And Cast CastLike Clip Concat ConstantOfShape Cos CumSum Div Equal Exp Expand Flatten Floor Gather Gemm "
     "Greater GreaterOrEqual Identity If LeakyRelu Less MatMul Max Min Mul Neg NonZero Not Or Range Reciprocal "
     "ReduceL2 ReduceMax ReduceSum Relu Reshape ScatterElements Shape Sigmoid Sin Slice Softplus Split Sqrt "
     "Squeeze Sub Tanh Transpose Unsqueeze Where"

@@ -94,7 +94,7 @@ def test_at_its_samples_a_table_is_what_was_rendered(
 ):
     """On the clip's own raster, half of it, and one that does not divide it: 32x24 becomes 11x8."""
     monkeypatch.setattr(baking, "SIDE", side)
-    surfaces = BakedSurfaces(QueryGraph(model, "none").model, canonical=canonical)
+    surfaces = BakedSurfaces(model, canonical=canonical)
     width, height = side, round(side * HEIGHT / WIDTH)
     assert surfaces.codes.shape[:2] == (height, width)
     frame = torch.tensor([0, 2, 4])
@@ -103,7 +103,7 @@ def test_at_its_samples_a_table_is_what_was_rendered(
     xy = (samples + 0.5) * size / raster - 0.5  # a raster covers the frame from edge to edge
     given = surfaces(xy, frame)
     found = torch.empty(3, 3)
-    for part in surfaces.model.parts(given.is_static):
+    for part in QueryGraph(model, "none").model.parts(given.is_static):
         asked = part.of(given.values), part.of(xy), frame.index_select(0, part.asked)
         found[:, part.place] = surfaces.canonical(part, *asked)[:, :-1]
     expected = surface_of(model, xy.T[:, None], model.condition(torch.arange(FRAMES)), frame)
@@ -114,11 +114,11 @@ def test_at_its_samples_a_table_is_what_was_rendered(
 
 def test_between_two_owners_only_one_is_averaged():
     """Two columns of pixels: left static at depth 0.5, right dynamic at depth 1.5."""
-    surfaces = BakedSurfaces(QueryGraph(tiny_model("cpu"), "none").model, canonical=False)
-    depth = torch.full((1, FRAMES, HEIGHT, WIDTH), 1.5)
+    surfaces = BakedSurfaces(tiny_model("cpu"), canonical=False)
+    depth = torch.full((FRAMES, 1, HEIGHT, WIDTH), 1.5)
     depth[..., : WIDTH // 2] = 0.5
-    is_static = depth[0] < 1
-    surfaces._encode(depth.flatten(1), is_static.flatten())
+    is_static = depth[:, 0] < 1
+    surfaces._encode(depth.flatten(2), is_static.flatten(1))
     assert surfaces.codes.dtype == torch.int16
     assert ((surfaces.codes[..., 0].permute(2, 0, 1) >= 0) == is_static).all()
     assert surfaces.codes.to(torch.int64).abs().min() > LEVELS // 8

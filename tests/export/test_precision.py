@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -36,7 +37,7 @@ def test_float16_weights_of_a_fully_baked_model(canonical: Export):
 
 
 def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(exporter, "_trace", lambda graph: fitted.proto())
+    monkeypatch.setattr(exporter, "trace", lambda graph: fitted.proto())
     monkeypatch.setattr(exporter, "_on_demand", lambda whole: whole)
     monkeypatch.setattr(exporter, "deviation", lambda *_: Deviation(0.3, 0.75))
     with pytest.raises(
@@ -98,19 +99,35 @@ def as_avx2_multiplies(inputs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return pairs.sum(axis=1)
 
 
+def test_int8_says_nothing_and_leaves_the_log_s_level_alone(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    levels, root = [], logging.getLogger()
+    monkeypatch.setattr(root, "setLevel", levels.append)
+    reduce_precision(wide_product(np.ones((64, 96), np.float32)), "int8")
+    assert not levels
+    assert not caplog.records
+
+
+def wide_product(matrix: np.ndarray) -> onnx.ModelProto:
+    """A graph that multiplies by `matrix`."""
+    rows, columns = matrix.shape
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("MatMul", ["x", "w"], ["y"])],
+        "wide",
+        [onnx.helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", rows])],
+        [onnx.helper.make_tensor_value_info("y", TensorProto.FLOAT, ["N", columns])],
+        [onnx.numpy_helper.from_array(matrix, "w")],
+    )
+    return onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
+
+
 def test_int8_is_the_same_where_pairs_of_products_are_added_in_16_bits():
     """The largest inputs there are, and weights that reach the ends of their range, two and two."""
     random = np.random.default_rng(0)
     matrix = random.normal(size=(64, 96)).astype(np.float32)
     matrix[:8] = np.sign(matrix[:8]) * 5
-    graph = onnx.helper.make_graph(
-        [onnx.helper.make_node("MatMul", ["x", "w"], ["y"])],
-        "wide",
-        [onnx.helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N", 64])],
-        [onnx.helper.make_tensor_value_info("y", TensorProto.FLOAT, ["N", 96])],
-        [onnx.numpy_helper.from_array(matrix, "w")],
-    )
-    proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
+    proto = wide_product(matrix)
     stored = [onnx.numpy_helper.to_array(each) for each in reduce_precision(proto, "int8").graph.initializer]
     (weights,) = [array for array in stored if array.dtype == np.int8 and array.shape == (64, 96)]
     inputs = np.concatenate([np.full((1, 64), 255, np.uint8), random.integers(200, 256, (20, 64), dtype=np.uint8)])
