@@ -1,0 +1,43 @@
+"""Pictures read between their pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+_ROW = 1024
+"""Places are asked for in rows of so many: cv2.remap takes no more columns or rows than a short counts."""
+
+
+def sampled(
+    image: npt.NDArray[Any],
+    places: npt.NDArray[np.floating],
+    interpolation: int = cv2.INTER_LINEAR,
+    outside: float | None = None,
+) -> Any:
+    """`image` [H, W] or [H, W, C] at `places` [..., 2], (x, y) in its pixels; [...] or [..., C] of the image's type.
+
+    Beyond its borders it is `outside`, or goes on as there.
+    """
+    count = places[..., 0].size
+    rows = np.zeros((-(-count // _ROW) * _ROW, 2), np.float32)
+    rows[:count] = places.reshape(-1, 2)
+    border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
+    value = (0.0 if outside is None else outside,) * 4
+    channels = image.shape[2:]
+    if count == 0:
+        return np.empty((*places.shape[:-1], *channels), image.dtype)
+    there = rows.reshape(-1, _ROW, 2)
+    read = cv2.remap(image, there, None, interpolation, borderMode=border, borderValue=value)  # type: ignore[call-overload]
+    return read.reshape(-1, *channels)[:count].reshape(*places.shape[:-1], *channels)
+
+
+def known_median(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Median over the first axis of those of `values` [N, ...] that are numbers; nan where none is."""
+    known = np.isfinite(values).sum(axis=0, keepdims=True)
+    ordered = np.sort(values, axis=0)  # what is no number comes last
+    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in ((known - 1).clip(0) // 2, known // 2))
+    return (low + high) / 2
