@@ -84,7 +84,7 @@ class Objects:
         self._picture = lru_cache(HELD)(self._shrunk)
         self._core_distance = lru_cache(HELD)(lambda frame: _distance(self._core(frame)).astype(np.float16))
         self._whole = lru_cache(HELD)(self._found)
-        self._distance = lru_cache(HELD)(lambda frame: _distance(self._whole(frame)).astype(np.float16))
+        self._clearance = lru_cache(HELD)(self._cleared)
 
     def share(self, frame: int) -> Floats:
         """How much of each pixel is an object's, [H, W] in [0, 1]: 1 on it and `GROWN` around it, falling to 0 over
@@ -100,8 +100,7 @@ class Objects:
 
     def in_sight(self, frame: int, places: Floats) -> Mask:
         """Where no object covers the scene: of `places` [N, 2] of `frame`, in pixels of the clip; not beyond its borders."""
-        distance = sampled(self._distance(frame).astype(np.float32), self._on_compared(places), outside=0)
-        return distance >= (GROWN + FEATHER) * self._unit
+        return sampled(self._clearance(frame).astype(np.float32), self._on_compared(places), outside=-1) >= 0
 
     def exposure(self, frame: int, other: int) -> Floats | None:
         """[3], what is to be added to the colours of `other`, 0 to 255, to have them as the scene is in `frame`.
@@ -116,11 +115,9 @@ class Objects:
         theirs = sampled(self._picture(other), there[common]).astype(np.float32)
         return np.median(self._picture(frame)[::_SPARSE, ::_SPARSE][common] - theirs, axis=0)
 
-    def scene(self, frame: int, region: Raster) -> Floats:
-        """What the static volume has in a part of the clip's pixels, [h, w, 3], 0 to 255, soft; continued smoothly where
-        it has a hole.
-        """
-        return _enlarged(self._look(frame)[..., 1:].astype(np.float32), self._full)[region.part]
+    def scene(self, frame: int) -> Floats:
+        """What the static volume has, [H, W, 3], 0 to 255, soft; continued smoothly where it has a hole."""
+        return _enlarged(self._look(frame)[..., 1:].astype(np.float32), self._full)
 
     def _on_compared(self, places: Floats) -> Floats:
         """Pixels of the clip as pixels of the raster of comparison."""
@@ -153,6 +150,11 @@ class Objects:
         joined = cv2.morphologyEx((kept | core).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         _, parts = cv2.connectedComponents(joined, connectivity=8)
         return np.isin(parts, np.unique(parts[core])) & (joined > 0)
+
+    def _cleared(self, frame: int) -> npt.NDArray[np.float16]:
+        """[h, w]: 1 where the share of objects is 0, falling to -1 at its rim and beyond."""
+        beyond = _distance(self._whole(frame)) - (GROWN + FEATHER) * self._unit
+        return beyond.clip(-1, 1).astype(np.float16)
 
     def _difference(self, frame: int, near: Raster) -> Floats:
         """[h, w] of the pixels `near` the mask: how far a frame's colours are beyond those that others show of the scene.

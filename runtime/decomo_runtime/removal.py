@@ -35,10 +35,8 @@ COLOURS = 5
 """Frames whose colours a pixel takes the median of."""
 NEAR, STRIDE, FAR = 16, 4, 96
 """Frames up to this distance are all looked at; farther ones, up to the last distance, those whose number is a multiple
-of the stride: neighbours show nearly the same, and the frames made one after another look at the same ones.
+of the stride, and the clip's last: neighbours show nearly the same, and frames made one after another look at the same.
 """
-CONTEXT = 16
-"""Pixels of a frame whose longer side is 256 around what is hidden, from which what is nowhere shown is continued."""
 HELD_BYTES = 512 * 1024**2
 """Of frames that are held, decoded, for the next ones that look at them."""
 
@@ -64,21 +62,22 @@ def _without_objects(
 ) -> Image:
     """One frame; `last` is the one made before, with its number."""
     made, share = frames[frame].copy(), objects.share(frame)
-    at = around(share > 0)
-    if at is None:
+    region = around(share > 0)
+    if region is None:
         return made
-    region = at.grown(round(CONTEXT * max(share.shape) / 256))
-    share, own = share[region.part][..., None], made[region.part].astype(np.float32)
-    scene = np.where(share > 0, propagate(frames, frame, region, motion, objects), own)
-    unknown = np.isnan(scene).any(axis=2)
+    scene = made.astype(np.float32)
+    behind, hidden = scene[region.part], share[region.part] > 0
+    behind[hidden] = propagate(frames, frame, region, motion, objects)[hidden]
+    unknown = np.isnan(behind).any(axis=2)
     if last is not None and unknown.any() and motion.knows(frame, last[0]):
         there = motion.field(frame, last[0], region)[unknown]
-        scene[unknown] = sampled(last[1].astype(np.float32), there, outside=math.nan)
-        unknown = np.isnan(scene).any(axis=2)
-    if unknown.any():
-        rendered = objects.scene(frame, region)
-        scene = rendered + filled(np.nan_to_num(scene - rendered), np.asarray(~unknown, np.float32))
-    made[region.part] = np.rint(share * scene + (1 - share) * own).clip(0, 255).astype(np.uint8)
+        behind[unknown] = sampled(last[1].astype(np.float32), there, outside=math.nan)
+    known = np.isfinite(scene).all(axis=2).astype(np.float32)
+    if not known.all():
+        rendered = objects.scene(frame)
+        scene = rendered + filled(np.nan_to_num(scene - rendered), known)
+    weight, own = share[region.part][..., None], made[region.part]
+    made[region.part] = np.rint(weight * scene[region.part] + (1 - weight) * own).clip(0, 255)
     return made
 
 
@@ -113,8 +112,9 @@ def propagate(frames: Frames, frame: int, region: Raster, motion: SceneMotion, o
 def _others(frame: int, num_frames: int) -> list[int]:
     """The frames that are looked at for what `frame` hides, nearest in time first."""
     others = range(max(0, frame - FAR), min(num_frames, frame + FAR + 1))
-    looked_at = [other for other in others if other != frame and (abs(other - frame) <= NEAR or other % STRIDE == 0)]
-    return sorted(looked_at, key=lambda other: abs(other - frame))
+    near = {other for other in others if abs(other - frame) <= NEAR}
+    far = {other for other in others if other % STRIDE == 0 or other == num_frames - 1}
+    return sorted((near | far) - {frame}, key=lambda other: abs(other - frame))
 
 
 class _Held(Sequence[Image]):
