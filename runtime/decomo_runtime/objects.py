@@ -61,7 +61,7 @@ GROWN, FEATHER = 3.0, 3.0
 
 
 HELD = 256
-"""Frames of which what was made is held: more than a made frame looks at, so that each is rendered and compared once."""
+"""Frames of which what was made is held: more than a frame looks at, so that each is rendered and compared once."""
 
 
 class Objects:
@@ -99,7 +99,7 @@ class Objects:
         return covered
 
     def in_sight(self, frame: int, places: Floats) -> Mask:
-        """Where no object covers the scene: of `places` [N, 2] of `frame`, in pixels of the clip; not beyond its borders."""
+        """Whether objects leave `places` [N, 2] of `frame` uncovered, pixels of the clip; False beyond its borders."""
         return sampled(self._clearance(frame).astype(np.float32), self._on_compared(places), outside=-1) >= 0
 
     def exposure(self, frame: int, other: int) -> Floats | None:
@@ -157,7 +157,7 @@ class Objects:
         return beyond.clip(-1, 1).astype(np.float16)
 
     def _difference(self, frame: int, near: Raster) -> Floats:
-        """[h, w] of the pixels `near` the mask: how far a frame's colours are beyond those that others show of the scene.
+        """[h, w] of the pixels `near` the mask: how far a frame's colours are beyond those that others show there.
 
         0 farther than `REACH` from the mask, and where too few frames show the scene.
         """

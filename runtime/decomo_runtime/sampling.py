@@ -22,17 +22,15 @@ def sampled(
 
     Beyond its borders it is `outside`, or goes on as there.
     """
-    count = places[..., 0].size
+    shape, count = (*places.shape[:-1], *image.shape[2:]), places[..., 0].size
+    if count == 0:
+        return np.empty(shape, image.dtype)
     rows = np.zeros((-(-count // _ROW) * _ROW, 2), np.float32)
     rows[:count] = places.reshape(-1, 2)
     border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
     value = (0.0 if outside is None else outside,) * 4
-    channels = image.shape[2:]
-    if count == 0:
-        return np.empty((*places.shape[:-1], *channels), image.dtype)
-    there = rows.reshape(-1, _ROW, 2)
-    read = cv2.remap(image, there, None, interpolation, borderMode=border, borderValue=value)  # type: ignore[call-overload]
-    return read.reshape(-1, *channels)[:count].reshape(*places.shape[:-1], *channels)
+    read = cv2.remap(image, rows.reshape(-1, _ROW, 2), np.empty(0), interpolation, borderMode=border, borderValue=value)
+    return read.reshape(-1, *image.shape[2:])[:count].reshape(shape)
 
 
 def known_median(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
