@@ -3,12 +3,15 @@
 The mask misses thin and fast parts, a leg or a foot, and knows nothing of shadows. Therefore each frame is compared
 with what the frames around it show of the scene in the same place, brought there along the scene's motion: pixels that
 differ, lie near the mask and are joined to it by such pixels are counted in.
+
+What is made of a frame is small and held for some frames only, so that memory does not depend on the clip's length.
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,11 +19,17 @@ import numpy.typing as npt
 
 from decomo_runtime.contract import HOLE
 from decomo_runtime.layers import look, raster_size
+from decomo_runtime.raster import Raster, around, whole
+from decomo_runtime.sampling import known_median, sampled
 from decomotion.images import filled
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from decomo_runtime.scene_motion import SceneMotion
     from decomo_runtime.tracker import Tracker
+
+    Frames = Sequence[npt.NDArray[np.uint8]] | npt.NDArray[np.uint8]
 
 Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
@@ -43,117 +52,151 @@ deviation of the frames that show it: clouds drift, leaves move.
 REACH = 48.0
 """What hangs on an object lies this near to the mask; this and what follows in pixels of a frame whose longer side is
 256."""
+_SPARSE = 2
+"""Exposure is told by every so many pixels of the raster of comparison, either way."""
+_LEAST_COMMON = 64
+"""Pixels of that raster that two frames must share for their exposure to be compared."""
 GROWN, FEATHER = 3.0, 3.0
 """How far beyond the object nothing of the clip is kept, and the width of the blend into it from there on."""
 
 
+HELD = 256
+"""Frames of which what was made is held: more than a frame looks at, so that each is rendered and compared once."""
+
+
 class Objects:
-    """The moving objects of a clip, frame by frame; each frame is rendered and compared once.
+    """The moving objects of a clip, frame by frame.
 
     Args:
         tracker: the model.
-        frames: uint8 [T, H, W, 3], the whole clip.
+        frames: the clip: `frames[t]` is uint8 [H, W, 3].
         motion: of the static scene.
     """
 
-    def __init__(self, tracker: Tracker, frames: Image, motion: SceneMotion) -> None:
+    def __init__(self, tracker: Tracker, frames: Frames, motion: SceneMotion) -> None:
         self._tracker, self._frames, self._motion = tracker, frames, motion
         longer = max(tracker.height, tracker.width)
+        self._full = tracker.height, tracker.width
         self._rendered = raster_size(tracker.facts, min(RENDERED_SIDE, longer))
         self._compared = raster_size(tracker.facts, min(COMPARED_SIDE, longer))
         self._unit = max(self._compared) / 256
-        self._looks: dict[int, npt.NDArray[np.float16]] = {}
-        self._wholes: dict[int, Mask] = {}
-        self._picture = lru_cache(2 * WINDOW)(self._shrunk)
+        self._look = lru_cache(HELD)(self._rendering)
+        self._picture = lru_cache(HELD)(self._shrunk)
+        self._core_distance = lru_cache(HELD)(lambda frame: _distance(self._core(frame)).astype(np.float16))
+        self._whole = lru_cache(HELD)(self._found)
+        self._clearance = lru_cache(HELD)(self._cleared)
 
     def share(self, frame: int) -> Floats:
         """How much of each pixel is an object's, [H, W] in [0, 1]: 1 on it and `GROWN` around it, falling to 0 over
         `FEATHER`.
         """
-        if frame not in self._wholes:
-            self._wholes[frame] = self._whole(frame)
-        height, width = self._tracker.height, self._tracker.width
-        distance = _distance(_enlarged(self._wholes[frame].astype(np.float32), (height, width)) >= COVERED)
-        return np.clip((GROWN + FEATHER - distance * (256 / max(height, width))) / FEATHER, 0, 1).astype(np.float32)
+        covered, at = np.zeros(self._full, np.float32), around(self._whole(frame))
+        if at is not None:
+            region = at.grown(math.ceil((GROWN + FEATHER) * self._unit) + 1).scaled(self._full)
+            mask = _enlarged(self._whole(frame).astype(np.float32), self._full)[region.part] >= COVERED
+            distance = _distance(mask) * (256 / max(self._full))
+            covered[region.part] = np.clip((GROWN + FEATHER - distance) / FEATHER, 0, 1)
+        return covered
+
+    def in_sight(self, frame: int, places: Floats) -> Mask:
+        """Whether objects leave `places` [N, 2] of `frame` uncovered, pixels of the clip; False beyond its borders."""
+        return sampled(self._clearance(frame).astype(np.float32), self._on_compared(places), outside=-1) >= 0
+
+    def exposure(self, frame: int, other: int) -> Floats | None:
+        """[3], what is to be added to the colours of `other`, 0 to 255, to have them as the scene is in `frame`.
+
+        None where the two show too little of the same.
+        """
+        there = self._motion.field(frame, other, whole(self._compared))[::_SPARSE, ::_SPARSE]
+        common = sampled(self._core_distance(other).astype(np.float32), there, outside=0) > GROWN * self._unit
+        common &= self._core_distance(frame)[::_SPARSE, ::_SPARSE] > GROWN * self._unit
+        if common.sum() * _SPARSE**2 < _LEAST_COMMON:
+            return None
+        theirs = sampled(self._picture(other), there[common]).astype(np.float32)
+        return np.median(self._picture(frame)[::_SPARSE, ::_SPARSE][common] - theirs, axis=0)
 
     def scene(self, frame: int) -> Floats:
         """What the static volume has, [H, W, 3], 0 to 255, soft; continued smoothly where it has a hole."""
-        size = self._tracker.height, self._tracker.width
-        return _enlarged(self._look(frame)[..., 1:].astype(np.float32), size)
+        return _enlarged(self._look(frame)[..., 1:].astype(np.float32), self._full)
 
-    def _look(self, frame: int) -> npt.NDArray[np.float16]:
+    def _on_compared(self, places: Floats) -> Floats:
+        """Pixels of the clip as pixels of the raster of comparison."""
+        scale = np.array([self._compared[1] / self._full[1], self._compared[0] / self._full[0]], np.float32)
+        return (places + 0.5) * scale - 0.5
+
+    def _rendering(self, frame: int) -> npt.NDArray[np.float16]:
         """[h, w, 4], as rendered: how much a pixel moves, 0 to 1, and `scene`."""
-        if frame not in self._looks:
-            seen = look(self._tracker, frame, self._rendered)
-            known = (seen.static_opacity > HOLE).astype(np.float32).reshape(self._rendered)
-            scene = filled(255 * seen.rgb_static.reshape(*self._rendered, 3), known)
-            moving = 1 - seen.static_confidence.reshape(*self._rendered, 1)
-            self._looks[frame] = np.concatenate([moving, scene], axis=2).astype(np.float16)
-        return self._looks[frame]
+        seen = look(self._tracker, frame, self._rendered)
+        known = (seen.static_opacity > HOLE).astype(np.float32).reshape(self._rendered)
+        scene = filled(255 * seen.rgb_static.reshape(*self._rendered, 3), known)
+        moving = 1 - seen.static_confidence.reshape(*self._rendered, 1)
+        return np.concatenate([moving, scene], axis=2).astype(np.float16)
 
     def _core(self, frame: int) -> Mask:
         """The rendered mask, on the raster of comparison."""
         return _enlarged(self._look(frame)[..., 0].astype(np.float32), self._compared) >= COVERED
 
-    def _whole(self, frame: int) -> Mask:
+    def _found(self, frame: int) -> Mask:
         """The mask and what hangs on it."""
         core = self._core(frame)
-        if not core.any():
+        at = around(core)
+        if at is None:
             return core
+        near = at.grown(math.ceil(REACH * self._unit))
         pixels = np.ones((2, 2), np.uint8)
-        different = (self._difference(frame, core) > DIFFERENT).astype(np.uint8)
+        different = np.zeros(core.shape, np.uint8)
+        different[near.part] = self._difference(frame, near) > DIFFERENT
         kept = np.asarray(cv2.morphologyEx(different, cv2.MORPH_OPEN, pixels)) > 0  # not edges a hair out of place
         joined = cv2.morphologyEx((kept | core).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         _, parts = cv2.connectedComponents(joined, connectivity=8)
         return np.isin(parts, np.unique(parts[core])) & (joined > 0)
 
-    def _difference(self, frame: int, core: Mask) -> Floats:
-        """[h, w]: how far a frame's colours are beyond those that others show of the scene.
+    def _cleared(self, frame: int) -> npt.NDArray[np.float16]:
+        """[h, w]: 1 where the share of objects is 0, falling to -1 at its rim and beyond."""
+        beyond = _distance(self._whole(frame)) - (GROWN + FEATHER) * self._unit
+        return beyond.clip(-1, 1).astype(np.float16)
 
-        0 far from the mask `core`, and where too few frames show the scene.
+    def _difference(self, frame: int, near: Raster) -> Floats:
+        """[h, w] of the pixels `near` the mask: how far a frame's colours are beyond those that others show there.
+
+        0 farther than `REACH` from the mask, and where too few frames show the scene.
         """
-        picture, size = self._picture(frame), self._compared
-        scale = np.array([self._tracker.width / size[1], self._tracker.height / size[0]])
-        grid = np.stack(np.meshgrid(np.arange(size[1]), np.arange(size[0])), axis=-1)
+        picture = self._picture(frame)[near.part].astype(np.float32)
         views = []
-        for other in range(frame % STRIDE, len(self._frames), STRIDE):
-            if other == frame or abs(other - frame) > WINDOW or not self._motion.knows(frame, other):
+        away = [sign * step for step in range(STRIDE, WINDOW + 1, STRIDE) for sign in (-1, 1)]
+        for other in (frame + step for step in away if 0 <= frame + step < len(self._frames)):
+            if not self._motion.knows(frame, other):
                 continue
-            there = (self._motion.carry((grid + 0.5) * scale - 0.5, frame, other) + 0.5) / scale - 0.5
-            view = sampled(self._picture(other), there.astype(np.float32), cv2.INTER_LINEAR)
-            hides = sampled(self._core(other).astype(np.float32), there.astype(np.float32), cv2.INTER_LINEAR, outside=1)
-            shows = (_distance(hides > 0) > GROWN * self._unit)[..., None]
-            common = shows[..., 0] & ~core
-            if common.any():
-                views.append(np.where(shows, view + np.median((picture - view)[common], axis=0), np.nan))
+            exposure = self.exposure(frame, other)
+            if exposure is None:
+                continue
+            there = self._motion.field(frame, other, near)
+            view = sampled(self._picture(other), there) + exposure
+            hides = sampled(self._core_distance(other).astype(np.float32), there, outside=0) <= GROWN * self._unit
+            view[hides] = np.nan
+            views.append(view)
         if len(views) < LEAST_VIEWS:
-            return np.zeros(size, np.float32)
+            return np.zeros(near.shape, np.float32)
         shown = np.stack(views)
         known = np.isfinite(shown[..., 0]).sum(axis=0) >= LEAST_VIEWS
-        known &= _distance(core) < REACH * self._unit
+        known &= self._core_distance(frame)[near.part] < REACH * self._unit
         scene, spread = picture.copy(), np.zeros_like(picture)
-        scene[known] = np.nanmedian(shown[:, known], axis=0)
-        spread[known] = np.nanmedian(np.abs(shown[:, known] - scene[known]), axis=0)
-        around = np.ones((3, 3), np.uint8)
-        beyond = np.maximum(picture - cv2.dilate(scene, around), cv2.erode(scene, around) - picture)
+        scene[known] = known_median(shown[:, known])
+        spread[known] = known_median(np.abs(shown[:, known] - scene[known]))
+        around_it = np.ones((3, 3), np.uint8)
+        beyond = np.maximum(picture - cv2.dilate(scene, around_it), cv2.erode(scene, around_it) - picture)
         return (beyond - SPREADS * spread).max(axis=2)
 
-    def _shrunk(self, frame: int) -> Floats:
+    def _shrunk(self, frame: int) -> Image:
+        """On the raster of comparison."""
         size = self._compared[::-1]
-        return cv2.resize(self._frames[frame], size, interpolation=cv2.INTER_AREA).astype(np.float32)
-
-
-def sampled(image: npt.NDArray[Any], places: Floats, interpolation: int, outside: float | None = None) -> Any:
-    """`image` [H, W] or [H, W, C] at `places` [H, W, 2]; beyond its borders it is `outside`, or goes on as there."""
-    x, y, value = places[..., 0], places[..., 1], (0.0 if outside is None else outside,) * 4
-    border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
-    return cv2.remap(image, x, y, interpolation, borderMode=border, borderValue=value)
+        return cv2.resize(self._frames[frame], size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def _distance(mask: Mask) -> Floats:
-    """Of each pixel from the mask; infinite where there is none."""
+    """Of each pixel from the mask; where there is none, more than any in the raster."""
     if not mask.any():
-        return np.full(mask.shape, np.inf, np.float32)
+        return np.full(mask.shape, sum(mask.shape), np.float32)
     return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float32)
 
 

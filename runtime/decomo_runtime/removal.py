@@ -10,18 +10,22 @@ made after it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.objects import Objects, sampled
+from decomo_runtime.objects import Objects
+from decomo_runtime.raster import Raster, around
+from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
 from decomotion.images import filled
 
 if TYPE_CHECKING:
+    from decomo_runtime.objects import Frames
     from decomo_runtime.tracker import Tracker
 
 Image = npt.NDArray[np.uint8]
@@ -29,64 +33,99 @@ Floats = npt.NDArray[np.float32]
 
 COLOURS = 5
 """Frames whose colours a pixel takes the median of."""
-NEAR, STRIDE = 16, 4
-"""Frames up to this distance are all looked at, farther ones every so many: neighbours show nearly the same."""
+NEAR, STRIDE, FAR = 16, 4, 96
+"""Frames up to this distance are all looked at; farther ones, up to the last distance, those whose number is a multiple
+of the stride, and the clip's last: neighbours show nearly the same, and frames made one after another look at the same.
+"""
+HELD_BYTES = 512 * 1024**2
+"""Of frames that are held, decoded, for the next ones that look at them."""
 
-_LEAST_COMMON = 64
-"""Pixels of the scene that two frames must share for their exposure to be compared."""
 
+def remove_objects(tracker: Tracker, frames: Frames, wanted: Iterable[int]) -> Iterator[Image]:
+    """Yields the `wanted` frames without their objects, uint8 [H, W, 3] RGB; `frames` [T] of such is the whole clip.
 
-def remove_objects(tracker: Tracker, frames: Image, wanted: Iterable[int]) -> Iterator[Image]:
-    """Yields the `wanted` frames without their objects, uint8 [H, W, 3] RGB; `frames` [T, H, W, 3] is the whole clip.
-
-    Raises `RenderError` where the model holds nothing to be static.
+    Fastest where they are wanted in order: what is made of a frame is held for those around it. Raises `RenderError`
+    where the model holds nothing to be static.
     """
     motion = follow_scene(tracker)
-    objects = Objects(tracker, frames, motion)
+    held = _Held(frames)
+    objects = Objects(tracker, held, motion)
     last: tuple[int, Image] | None = None
     for frame in wanted:
-        share = objects.share(frame)[..., None]
-        scene = np.where(share > 0, propagate(frames, frame, motion, objects), frames[frame])
-        if last is not None and motion.knows(frame, last[0]):
-            there = motion.field(frame, last[0])
-            guessed = sampled(last[1].astype(np.float32), there, cv2.INTER_LINEAR, outside=math.nan)
-            scene = np.where(np.isnan(scene), guessed, scene)
-        known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
-        if not known.all():
-            rendered = objects.scene(frame)
-            scene = rendered + filled(np.nan_to_num(scene - rendered), known)
-        made = np.rint(share * scene + (1 - share) * frames[frame]).clip(0, 255).astype(np.uint8)
+        made = _without_objects(held, frame, motion, objects, last)
         last = frame, made
         yield made
 
 
-def propagate(frames: Image, frame: int, motion: SceneMotion, objects: Objects) -> Floats:
-    """[H, W, 3], 0 to 255: what other frames show of the scene behind the objects of `frame`.
+def _without_objects(
+    frames: Frames, frame: int, motion: SceneMotion, objects: Objects, last: tuple[int, Image] | None
+) -> Image:
+    """One frame; `last` is the one made before, with its number."""
+    made, share = frames[frame].copy(), objects.share(frame)
+    region = around(share > 0)
+    if region is None:
+        return made
+    scene = made.astype(np.float32)
+    behind, hidden = scene[region.part], share[region.part] > 0
+    behind[hidden] = propagate(frames, frame, region, motion, objects)[hidden]
+    unknown = np.isnan(behind).any(axis=2)
+    if last is not None and unknown.any() and motion.knows(frame, last[0]):
+        there = motion.field(frame, last[0], region)[unknown]
+        behind[unknown] = sampled(last[1].astype(np.float32), there, outside=math.nan)
+    known = np.isfinite(scene).all(axis=2).astype(np.float32)
+    if not known.all():
+        rendered = objects.scene(frame)
+        scene = rendered + filled(np.nan_to_num(scene - rendered), known)
+    weight, own = share[region.part][..., None], made[region.part]
+    made[region.part] = np.rint(weight * scene[region.part] + (1 - weight) * own).clip(0, 255)
+    return made
+
+
+def propagate(frames: Frames, frame: int, region: Raster, motion: SceneMotion, objects: Objects) -> Floats:
+    """[h, w, 3], 0 to 255: what other frames show of the scene behind the objects of `frame`, in a `region` of it.
 
     nan where no frame shows it, and where no object is.
     """
-    hidden = objects.share(frame) > 0
-    found = np.zeros(hidden.sum(), int)
-    colours = np.full((COLOURS, len(found), 3), np.nan, np.float32)
-    others = [other for other in range(len(frames)) if abs(other - frame) <= NEAR or (other - frame) % STRIDE == 0]
-    for other in sorted(set(others) - {frame}, key=lambda other: abs(other - frame)):
-        if (found == COLOURS).all():
+    hidden = np.nonzero(objects.share(frame)[region.part] > 0)
+    colours = np.full((COLOURS, len(hidden[0]), 3), np.nan, np.float32)
+    found = np.zeros(len(hidden[0]), int)
+    missing = np.arange(len(found))
+    for other in _others(frame, len(frames)):
+        if len(missing) == 0:
             break
         if not motion.knows(frame, other):
             continue
-        there = motion.field(frame, other)
-        picture = sampled(frames[other], there, cv2.INTER_CUBIC)
-        covered = (objects.share(other) > 0).astype(np.float32)
-        in_sight = sampled(covered, there, cv2.INTER_LINEAR, outside=1) == 0
-        common = in_sight & ~hidden
-        if common.sum() < _LEAST_COMMON:
+        there = motion.field(frame, other, region)[hidden[0][missing], hidden[1][missing]]
+        in_sight = objects.in_sight(other, there)
+        taken = missing[in_sight]
+        exposure = objects.exposure(frame, other) if len(taken) else None
+        if exposure is None:
             continue
-        exposure = np.median(frames[frame][common].astype(np.float32) - picture[common], axis=0)
-        taken = np.flatnonzero(in_sight[hidden] & (found < COLOURS))
-        colours[found[taken], taken] = picture[hidden][taken] + exposure
+        colours[found[taken], taken] = sampled(frames[other], there[in_sight], cv2.INTER_CUBIC) + exposure
         found[taken] += 1
-    behind = np.full(frames.shape[1:], np.nan, np.float32)
-    shown = found > 0
-    places = np.argwhere(hidden)[shown]
-    behind[places[:, 0], places[:, 1]] = np.nanmedian(colours[:, shown], axis=0)
+        missing = missing[found[missing] < COLOURS]
+    behind = np.full((*region.shape, 3), np.nan, np.float32)
+    behind[hidden] = known_median(colours)
     return behind
+
+
+def _others(frame: int, num_frames: int) -> list[int]:
+    """The frames that are looked at for what `frame` hides, nearest in time first."""
+    others = range(max(0, frame - FAR), min(num_frames, frame + FAR + 1))
+    near = {other for other in others if abs(other - frame) <= NEAR}
+    far = {other for other in others if other % STRIDE == 0 or other == num_frames - 1}
+    return sorted((near | far) - {frame}, key=lambda other: abs(other - frame))
+
+
+class _Held(Sequence[Image]):
+    """The frames of a clip, of which those last asked for are held."""
+
+    def __init__(self, frames: Frames) -> None:
+        self._frames = frames
+        self._held = lru_cache(max(2, HELD_BYTES // frames[0].nbytes))(lambda frame: frames[frame])
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, frame: int) -> Image:
+        return self._held(frame)

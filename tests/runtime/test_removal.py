@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,8 @@ from decomo_runtime import Appearance, RenderError
 from decomo_runtime import objects as objects_module
 from decomo_runtime import removal as removal_module
 from decomo_runtime.objects import Objects
-from decomo_runtime.removal import propagate, remove_objects
+from decomo_runtime.raster import whole
+from decomo_runtime.removal import FAR, NEAR, propagate, remove_objects
 from decomo_runtime.scene_motion import follow_scene
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
@@ -125,13 +127,13 @@ def test_what_no_frame_shows_is_continued_and_then_carried_on():
     frames = sliding_square().frames[:2].copy()
     model = tracker()
     motion, found = follow_scene(model), objects(frames)
-    behind = propagate(frames, 0, motion, found)
+    behind = propagate(frames, 0, whole((HEIGHT, WIDTH)), motion, found)
     unknown = np.isnan(behind).any(-1) & (found.share(0) > 0)
     assert unknown.any()
     assert np.isnan(behind[found.share(0) == 0]).all()
     first, second = remove_objects(model, frames, [0, 1])
     inner = unknown & (found.share(0) == 1) & np.roll(square_mask(1), 1, axis=1)
-    inner &= np.roll(np.isnan(propagate(frames, 1, motion, found)).any(-1), 1, axis=1)
+    inner &= np.roll(np.isnan(propagate(frames, 1, whole((HEIGHT, WIDTH)), motion, found)).any(-1), 1, axis=1)
     assert inner.any()
     places = np.argwhere(inner)
     np.testing.assert_allclose(
@@ -170,3 +172,71 @@ def test_nothing_moves_nothing_changes(monkeypatch: pytest.MonkeyPatch):
 def test_a_model_without_a_static_scene():
     with pytest.raises(RenderError, match="holds nothing in sliding to be static"):
         next(remove_objects(tracker(0.0), sliding_square().frames, [0]))
+
+
+class Decoded(Sequence[np.ndarray]):
+    """A clip whose frames are made when they are asked for, one by one; `asked` says which were."""
+
+    def __init__(self, frames: np.ndarray) -> None:
+        self._frames, self.asked = frames, []
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, frame: int) -> np.ndarray:
+        self.asked.append(frame)
+        return self._frames[frame].copy()
+
+
+def test_each_frame_is_decoded_and_rendered_once(monkeypatch: pytest.MonkeyPatch):
+    frames, model, rendered = Decoded(sliding_square().frames), tracker(), []
+    sample = model.sample
+
+    def counted(queries: np.ndarray) -> Appearance:
+        rendered.append(len(queries))
+        return sample(queries)
+
+    monkeypatch.setattr(model, "sample", counted)
+    made = list(remove_objects(model, frames, range(FRAMES)))
+    assert sorted(frames.asked[1:]) == list(range(FRAMES))  # and one for its size
+    assert rendered.count(HEIGHT * WIDTH) == FRAMES
+    for frame, picture in enumerate(remove_objects(tracker(), sliding_square().frames, range(FRAMES))):
+        np.testing.assert_array_equal(made[frame], picture)
+
+
+def test_where_little_is_held_it_is_made_again(monkeypatch: pytest.MonkeyPatch):
+    frames = sliding_square().frames
+    expected = list(remove_objects(tracker(), frames, range(FRAMES)))
+    monkeypatch.setattr(objects_module, "HELD", 2)
+    monkeypatch.setattr(removal_module, "HELD_BYTES", 3 * frames[0].nbytes)
+    decoded = Decoded(frames)
+    for made, picture in zip(remove_objects(tracker(), decoded, range(FRAMES)), expected, strict=True):
+        np.testing.assert_array_equal(made, picture)
+    assert len(decoded.asked) > 2 * FRAMES
+
+
+def test_a_frame_looks_at_no_more_of_a_longer_clip():
+    others = removal_module._others(500, 10_000)
+    assert others == sorted(others, key=lambda other: abs(other - 500))
+    assert set(others) == set(removal_module._others(500, 1000))
+    assert {500 - NEAR, 501, 500 + NEAR, 500 + NEAR + 4} <= set(others)
+    assert 500 not in others
+    assert max(abs(other - 500) for other in others) <= FAR
+    assert len(others) < 80
+    assert removal_module._others(0, 30)[-1] == 29  # shows the most of what all before it hide
+
+
+def test_a_pixel_that_enough_frames_show_is_followed_no_further(monkeypatch: pytest.MonkeyPatch):
+    frames, looked_at = sliding_square().frames, []
+
+    def in_sight(self: Objects, frame: int, places: np.ndarray) -> np.ndarray:
+        looked_at.append((frame, len(places)))
+        return places[:, 0] > (15 if frame < FRAME else -np.inf)
+
+    monkeypatch.setattr(Objects, "in_sight", in_sight)
+    monkeypatch.setattr(removal_module, "COLOURS", 2)
+    found = objects(frames)
+    propagate(frames, FRAME, whole((HEIGHT, WIDTH)), follow_scene(tracker()), found)
+    assert [frame for frame, _ in looked_at] == [3, 5, 2, 6]
+    assert [count for _, count in looked_at][:2] == [(found.share(FRAME) > 0).sum()] * 2
+    assert looked_at[-1][1] < looked_at[0][1]

@@ -178,7 +178,7 @@ def test_the_clip_without_its_objects(
     model = write_tiny_model(tmp_path / "model.onnx", num_frames=FRAMES, height=tiny_fit.HEIGHT, width=tiny_fit.WIDTH)
     true = TrueTracker()
     monkeypatch.setattr(Tracker, "sample", lambda self, queries: true.sample(queries))
-    monkeypatch.setattr(Tracker, "track", lambda self, queries: true.track(queries))
+    monkeypatch.setattr(Tracker, "track", lambda self, queries, frames=None: true.track(queries, frames))
     arguments = [model, "--remove-objects", "--clip", tiny_clip]
     assert run(*arguments, "--out", tmp_path / "removed.mp4") == 0
     assert len(frames_of(tmp_path / "removed.mp4")) == FRAMES

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from decomo_runtime import RenderError, Tracks
-from decomo_runtime.scene_motion import SceneMotion, follow_scene
+from decomo_runtime.raster import Raster
+from decomo_runtime.scene_motion import SPAN, SceneMotion, follow_scene
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH
 from true_tracker import TrueTracker
 
@@ -19,6 +20,16 @@ def moved(xy: np.ndarray) -> np.ndarray:
     return cv2.perspectiveTransform(xy.reshape(1, -1, 2).astype(np.float64), TURN).reshape(xy.shape)
 
 
+def motion_of(xy: np.ndarray, queries: np.ndarray, occluded: np.ndarray) -> SceneMotion:
+    """Of a clip of frames of 96x64 in which the `queries` of frame 0 are at `xy` [N, T, 2]."""
+
+    def track(points: np.ndarray, frames: np.ndarray) -> Tracks:
+        assert points is queries or (points == queries).all()
+        return Tracks(xy[:, frames], occluded[:, frames], occluded[:, frames].astype(np.float32), points, frames)
+
+    return SceneMotion(track, queries, (xy.shape[1], 64, 96))
+
+
 def two_frames(points: int = 300, wrong: int = 0, hidden: bool = False) -> SceneMotion:
     """Points of a 96x64 image moved by `TURN`; the last `wrong` of them elsewhere."""
     random = np.random.default_rng(0)
@@ -29,7 +40,7 @@ def two_frames(points: int = 300, wrong: int = 0, hidden: bool = False) -> Scene
     occluded = np.zeros((points, 2), bool)
     occluded[:, 1] = hidden
     queries = np.concatenate([np.zeros((points, 1)), here], axis=1).astype(np.float32)
-    return SceneMotion(Tracks(xy, occluded, occluded.astype(np.float32), queries, np.arange(2)), 64, 96)
+    return motion_of(xy, queries, occluded)
 
 
 @pytest.mark.parametrize("wrong", [0, 60])
@@ -56,7 +67,7 @@ def test_parallax_is_interpolated_where_points_are_missing():
     xy = np.stack([here, bumped(here)], axis=1).astype(np.float32)
     queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
     seen = np.zeros((len(here), 2), bool)
-    motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+    motion = motion_of(xy, queries, seen)
     places = np.array([[48.0, 32.0], [30.0, 30.0], [70.0, 40.0], [10.0, 60.0]])
     assert np.abs(moved(places) - bumped(places)).max() > 2
     np.testing.assert_allclose(motion.carry(places, 0, 1), bumped(places), atol=0.6)  # smoothed over two cells of 3
@@ -118,10 +129,60 @@ def test_parallax_is_read_where_it_is():
         xy = np.stack([here, there], axis=1).astype(np.float32)
         seen = np.zeros((len(here), 2), bool)
         queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
-        motion = SceneMotion(Tracks(xy, seen, seen.astype(np.float32), queries, np.arange(2)), 64, 96)
+        motion = motion_of(xy, queries, seen)
         along = np.full((200, 2), (40.0, 26.0))
         along[:, axis] = middle + np.linspace(-6, 6, 200)
         shift = (motion.carry(along, 0, 1) - along)[:, axis]
         assert shift[0] == pytest.approx(-0.8, abs=0.15)
         assert shift[-1] == pytest.approx(0.8, abs=0.15)
         assert along[np.abs(shift).argmin(), axis] == pytest.approx(middle, abs=0.7)
+
+
+def test_a_field_on_a_part_of_another_raster():
+    """Interpolated between every few of its pixels, it is where the pixels are carried to one by one."""
+    random = np.random.default_rng(0)
+    here = random.uniform(0, (854, 480), (2000, 2))
+    matrix = np.array([[0.98, -0.1, 40.0], [0.1, 0.98, -25.0], [1e-4, 5e-5, 1.0]])
+    there = cv2.perspectiveTransform(here[None], matrix)[0] + 6 * np.sin(here / 150)
+    queries = np.concatenate([np.zeros((len(here), 1)), here], axis=1).astype(np.float32)
+
+    def track(points: np.ndarray, frames: np.ndarray) -> Tracks:
+        xy = np.stack([here, there], axis=1)[:, frames].astype(np.float32)
+        return Tracks(xy, np.zeros(xy.shape[:2], bool), np.zeros(xy.shape[:2], np.float32), points, frames)
+
+    motion = SceneMotion(track, queries, (2, 480, 854))
+    for raster in (Raster((480, 854), slice(7, 301), slice(433, 854)), Raster((144, 256), slice(0, 61), slice(5, 6))):
+        scale = np.array([854 / raster.size[1], 480 / raster.size[0]])
+        x, y = np.arange(raster.size[1])[raster.columns], np.arange(raster.size[0])[raster.rows]
+        grid = (np.stack(np.meshgrid(x, y), axis=-1) + 0.5) * scale - 0.5
+        expected = (motion.carry(grid, 0, 1) + 0.5) / scale - 0.5
+        field = motion.field(0, 1, raster)
+        assert field.shape == (*raster.shape, 2)
+        np.testing.assert_allclose(field, expected, atol=0.05)
+
+
+def test_what_is_followed_for_two_frames_does_not_grow_with_the_clip():
+    asked: list[tuple[float, float, int, np.ndarray]] = []
+
+    def track(points: np.ndarray, frames: np.ndarray) -> Tracks:
+        asked.append((points[0, 0], points[-1, 0], len(points) * len(frames), frames))
+        still = np.repeat(points[:, None, 1:], len(frames), axis=1)
+        seen = np.zeros(still.shape[:2], bool)
+        return Tracks(still, seen, seen.astype(np.float32), points, frames)
+
+    grid = np.stack(np.meshgrid(np.arange(0, 96, 8), np.arange(0, 64, 8)), axis=-1).reshape(-1, 2)
+    counts = []
+    for length in (400, 4000):
+        asked.clear()
+        key_frames = np.repeat(np.arange(0, length, 12), len(grid))
+        points = np.column_stack([key_frames, np.tile(grid, (len(key_frames) // len(grid), 1))]).astype(np.float32)
+        motion = SceneMotion(track, points, (length, 64, 96))
+        for frame in range(200, 216):
+            np.testing.assert_allclose(motion.carry([(9.0, 7.0)], frame, 203), [(9, 7)], atol=1e-3)
+        for first, last, _, frames in asked:
+            assert first == last  # one key frame at a time
+            assert 200 - SPAN <= first <= 216 + SPAN
+            assert frames[0] > 180
+            assert frames[-1] < 240
+        counts.append(sum(count for _, _, count, _ in asked))
+    assert counts[0] == counts[1] > 0
