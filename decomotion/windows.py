@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from decomotion.errors import InputError
 from decomotion.files import replacing
+from decomotion.quality import Quality, parse
 from decomotion.times import steady_times
 
 FILE_NAME = "windows.json"
@@ -62,6 +63,8 @@ class Windows:
     """Of each frame, from 0; None where `fps` says them."""
     pixel_aspect: float = 1.0
     """Width of a pixel over its height."""
+    quality: tuple[Quality | None, ...] | None = None
+    """How good the fit of each window is, of models; None where the file does not say."""
 
     @property
     def times(self) -> npt.NDArray[np.float64]:
@@ -107,6 +110,7 @@ class Windows:
                 windows,
                 None if seconds is None else tuple(map(float, seconds)),
                 float(content["pixel_aspect"]),
+                _qualities(content.get("quality")),
             )
         except error:
             raise
@@ -126,8 +130,14 @@ class Windows:
         steps = None if self.seconds is None else np.diff(np.array([*self.seconds]))
         steady = steps is None or (len(steps) == self.num_frames - 1 and self.times[0] == 0 and bool((steps > 0).all()))
         positive = all(0 < each < math.inf for each in (self.height, self.width, self.fps, self.pixel_aspect))
-        if not (connected and whole and plain and steady and positive):
+        told = self.quality is None or len(self.quality) == len(bounds)
+        if not (connected and whole and plain and steady and positive and told):
             raise error(f"{file} contradicts itself: its windows do not cover the clip; write it again")
+
+
+def _qualities(content: Any) -> tuple[Quality | None, ...] | None:
+    """Raises `ValueError` or `TypeError` where it is none."""
+    return None if content is None else tuple(each and parse(json.dumps(each)) for each in content)
 
 
 def split(num_frames: int, cuts: Sequence[int], longest: int) -> tuple[Window, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,7 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
     from decomotion.windows import FILE_NAME
 
     folder = run if run is not None else latest_run()
-    layout, runs = None, {model: folder}
+    layout, runs, qualities = None, {model: folder}, []
     if (folder / FILE_NAME).is_file():
         layout, *_ = read_windows(folder)
         if model.suffix == SUFFIX:
@@ -72,6 +73,7 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
                 f"{precision} weights move tracks by {exported.deviation.mean:.2g} px in the mean, "
                 f"{exported.deviation.p99:.2g} px at the 99th percentile"
             )
+        qualities.append(exported.quality)
         if exported.thinned is not None:
             click.echo(exported.thinned)
         if exported.quality is None:
@@ -81,7 +83,7 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
             if warning := exported.quality.warning():
                 click.echo(f"{warning}; fit for longer")
     if layout is not None:
-        layout.save(model / FILE_NAME)
+        replace(layout, quality=tuple(qualities)).save(model / FILE_NAME)
         click.echo(f"wrote {model}, {layout.clip} in {len(layout.windows)} windows")
 
 

@@ -96,7 +96,10 @@ class Tracker:
 
     @property
     def quality(self) -> Quality | None:
-        """How good the fit is, by links that were held out of it; None in files that do not say."""
+        """How good the fit is, by links that were held out of it; None in files that do not say.
+
+        Of a clip of several windows, that of the window which misses them the most.
+        """
         return self.facts.quality
 
     @property

@@ -90,6 +90,9 @@ def test_written_and_read(tmp_path: Path):
         ),
         ({"windows": [{"name": "window-0", "begin": 0, "end": None}]}, "does not tell where"),
         ({"clip": None, "height": "tall"}, "does not tell where"),
+        ({"quality": [None]}, "contradicts itself"),
+        ({"quality": [None, {"steps": 3}, None]}, "does not tell where"),
+        ({"quality": 3}, "does not tell where"),
     ],
 )
 def test_what_contradicts_itself_is_refused(changes: dict, message: str, tmp_path: Path):

@@ -15,6 +15,7 @@ from decomo_runtime import ModelFileError, Tracker
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.windows import MOST_OPEN, WindowModels
+from decomotion.quality import Figures, Quality
 from decomotion.windows import FILE_NAME, Window, Windows, split
 from tiny_model import VELOCITY, write_tiny_model
 
@@ -186,6 +187,17 @@ def test_a_folder_of_files_is_one_tracker(tmp_path: Path):
     tracks = tracker.track([[3, 20, 30]])
     np.testing.assert_allclose(tracks.xy[0], [20, 30] + (np.arange(30)[:, None] - 3) * VELOCITY, atol=1e-3)
     assert tracker.dense(2, to=28).flow.shape == (HEIGHT, WIDTH, 2)
+
+
+def test_how_good_it_is_is_said_of_the_worst_window(make):
+    def quality(median: float) -> Quality:
+        figures = Figures(60, median, 2 * median + 1, median, 2 * median + 1, 0.5, 0.6, 0.7, 0.1)
+        return Quality(900, None, figures, None, None, ())
+
+    windows = split(50, [], 20)
+    models, _ = make(windows, quality=(None, quality(0.5), quality(2.0), *[None] * (len(windows) - 3)))
+    assert models.facts.quality == quality(2.0)
+    assert make(windows)[0].facts.quality is None
 
 
 def test_a_folder_that_contradicts_itself_is_refused(tmp_path: Path):
