@@ -41,7 +41,7 @@ class HeldOut:
         self._pool = pool
         side = LONGER_SIDE // PATCH
         self._patches = generator(seed, "held out").random((pool.num_frames, side, side)) < SHARE
-        self.points = self.holds(np.arange(pool.num_frames)[:, None], pool.points)
+        self.points = np.stack([self.holds(np.array(frame), xy) for frame, xy in enumerate(pool.points)])
         """bool [frame, point]: the points in such places."""
 
     def holds(self, frame: npt.NDArray[np.integer], xy: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
