@@ -97,21 +97,23 @@ class VideoFrames(Source):
         """Raises `ClipError` where it is not in the file any more."""
         if number in self._passed:
             return self._passed[number]
-        behind = self._container is None or number < self._next
-        for entry in self._entries_before(number):
-            if not behind and entry <= self._next + NEAR:
-                break
-            self._enter(entry)
+        for _ in self._ways_to(number):
             if self._decodes_to(number):
                 return self._passed[number]
-            self._entries.remove(entry)  # leads elsewhere
-            behind = True
-        if behind:
-            self._open()
-        if not self._decodes_to(number):
-            self._close()
-            raise self._file.changed()
-        return self._passed[number]
+        self._close()
+        raise self._file.changed()
+
+    def _ways_to(self, number: int) -> Iterator[None]:
+        """Goes to where decoding may lead to a frame, from the nearest place on; to the next where it did not."""
+        entries = self._entries_before(number)
+        if self._container is not None and self._next <= number and not (entries and entries[0] > self._next + NEAR):
+            yield
+        for entry in entries:
+            self._enter(entry)
+            yield
+            self._entries.remove(entry)
+        self._open()
+        yield
 
     def _entries_before(self, number: int) -> list[int]:
         """The nearest first; one that leads elsewhere has another chance at most, before the file's beginning."""

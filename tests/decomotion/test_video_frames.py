@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -74,12 +75,14 @@ def scene(seed: int, height: int, width: int) -> npt.NDArray[np.uint8]:
     return np.clip(100 + shapes, 0, 255).astype(np.uint8)
 
 
-def write(path: Path, codec: str, options: dict[str, str], times: list[int] | None = None) -> Path:
+def write(
+    path: Path, codec: str, options: dict[str, str], times: list[int] | None = None, pixels: str | None = None
+) -> Path:
     frames = drifting()
-    with av.open(str(path), "w") as file:
+    with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as file:
         stream = file.add_stream(codec, rate=25, options=options)
         stream.height, stream.width = frames.shape[1:3]
-        stream.pix_fmt = PIXELS.get(codec, "yuv420p")
+        stream.pix_fmt = pixels or PIXELS.get(codec, "yuv420p")
         if times is not None:
             stream.codec_context.time_base = Fraction(1, 1000)
         for number, frame in enumerate(frames):
@@ -135,6 +138,35 @@ def test_any_order_behind_an_edit_list(begin: int, tmp_path: Path):
 def test_any_order_in_a_part(form: str, tmp_path: Path):
     name, codec, options = FORMS[form]
     check_any_order(write(tmp_path / name, codec, options), 29, 61)
+
+
+def test_any_order_of_pictures_from_the_lowest_row_up(tmp_path: Path):
+    """As old programs write AVI: the height in its header is positive."""
+    path = write(tmp_path / "film.avi", "rawvideo", {}, pixels="bgr24")
+    upright, content = list(plainly_decoded(path)), bytearray(path.read_bytes())
+    place = content.index(b"strf") + 16
+    struct.pack_into("<i", content, place, -struct.unpack_from("<i", content, place)[0])
+    path.write_bytes(content)
+    np.testing.assert_array_equal(next(plainly_decoded(path)), upright[0][::-1])
+    check_any_order(path)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_any_order_in_a_damaged_film(suffix: str, tmp_path: Path):
+    """With a hole in one group of pictures, and without its end."""
+    path = write(tmp_path / f"film{suffix}", "libx264", GOP | {"bf": "0"})
+    content = bytearray(path.read_bytes())
+    with av.open(str(path)) as file:
+        places = [packet.pos for packet in file.demux(video=0) if packet.size]
+    assert all(place is not None for place in places)
+    content[places[26] + 30 : places[28] + 30] = bytes(places[28] - places[26])
+    path.write_bytes(content[: places[70] + 20])
+    expected = [np.array(frame) for frame in read_clip(path).frames]
+    assert 45 < len(expected) < 71
+    clip, order = read_clip(path), list(range(len(expected)))
+    random.Random(0).shuffle(order)
+    for number in order:
+        np.testing.assert_array_equal(clip.frames[number], expected[number])
 
 
 @pytest.fixture
