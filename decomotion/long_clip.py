@@ -29,6 +29,8 @@ from decomotion.errors import CheckpointError, ClipError, ConfigError, TrainingE
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome, run_stages
+from decomotion.options import WHOLE
+from decomotion.presets import AUTO
 from decomotion.times import is_steady
 from decomotion.windows import FILE_NAME, Windows, split
 
@@ -52,6 +54,18 @@ def check_one_shot(clip: Clip) -> None:
             f"{clip.name} cuts to another shot at frame{many} {', '.join(map(str, cuts))}, and no motion leads across; "
             "fit each shot by itself with --shots split, or take it as one shot with --shots ignore"
         )
+
+
+def lay_out(clip: Clip, window: int | str, shots: str) -> Windows:
+    """The windows of a clip as the options of commands say it (`decomotion.options.window_options`).
+
+    Raises `ClipError` where `shots` is `stop` and the clip has cuts, or a shot has a single frame.
+    """
+    if shots == "stop":
+        check_one_shot(clip)
+    cuts = find_cuts(clip.frames) if shots == "split" else []
+    longest = {AUTO: None, WHOLE: len(clip)}[window] if isinstance(window, str) else window
+    return windows_of(clip, longest, cuts)
 
 
 def windows_of(clip: Clip, longest: int | None, cuts: Sequence[int]) -> Windows:

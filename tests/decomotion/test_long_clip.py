@@ -263,3 +263,18 @@ def test_what_will_be_done_is_said_first(
     with caplog.at_level("INFO", logger="decomotion"):
         assert main([str(frames), "--window", "8", *argv]) == 0
     assert said in caplog.messages[0]
+
+
+def test_windows_are_prepared_ahead_of_their_fits(
+    frames: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    from decomotion import prepare_cli
+
+    assert prepare_cli.main([str(frames), "--window", "8", "--preview", "sheet.png", *SET_TINY]) == 0
+    said = capsys.readouterr().out
+    assert [line.split(" (")[0] for line in said.splitlines() if line.startswith("prepared")] == [
+        f"prepared sliding-window-00{number}" for number in range(3)
+    ]
+    assert sorted(path.name for path in Path().glob("*.png")) == [f"sheet-window-00{number}.png" for number in range(3)]
+    monkeypatch.setattr("decomotion.data.prepare.build_links", lambda *_: pytest.fail("they are made again"))
+    assert main([f"{frames}@6:14", "--steps", "1", *SET_TINY]) == 0
