@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.objects import Frames, Objects
+from decomo_runtime.objects import HELD, Frames, Objects
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
@@ -37,7 +37,7 @@ NEAR, STRIDE, FAR = 16, 4, 96
 of the stride, and the clip's last: neighbours show nearly the same, and frames made one after another look at the same.
 """
 HELD_BYTES = 512 * 1024**2
-"""Of frames that are held, decoded, for the next ones that look at them."""
+"""Of frames that are held, decoded, for the next ones that look at them; no more than `HELD` frames."""
 
 
 def remove_objects(tracker: Tracker, frames: Frames, wanted: Iterable[int]) -> Iterator[Image]:
@@ -121,7 +121,8 @@ class _Held:
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
-        self._held = lru_cache(max(2, HELD_BYTES // frames[0].nbytes))(lambda frame: frames[frame])
+        count = max(2, min(HELD, HELD_BYTES // frames[0].nbytes))
+        self._held = lru_cache(count)(lambda frame: frames[frame])
 
     def __len__(self) -> int:
         return len(self._frames)
