@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 import torch
 
+from clip_files import write_images, write_video
 from decomotion import checkpoint, video
 from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
 from decomotion.config import load
 from decomotion.data.cuts import find_cuts
 from decomotion.errors import ClipError
+from decomotion.frames import Frames
+from decomotion.greys import small_grey
 from decomotion.shots import check_one_shot, each_shot, runs_of_shots, shots_of
 from harness.incidents import INCIDENTS
 from tiny_fit import AFFINE, TINY_CPU, sliding_square, texture, write_frames
@@ -79,6 +82,23 @@ class TestDrawnScenes:
         larger = np.stack([cv2.resize(frame, (384, 240), interpolation=cv2.INTER_CUBIC) for frame in joined])
         assert find_cuts(pan(0)) == find_cuts(pan(1)) == []
         assert find_cuts(joined) == find_cuts(larger) == [10]
+
+    @pytest.mark.parametrize("suffix", [".jpg", ".png", ".mp4"])
+    @pytest.mark.parametrize("scale", [1, 4, 7])
+    def test_a_join_in_files(self, scale: int, suffix: str, tmp_path: Path):
+        """JPEGs are decoded smaller than they are, and a video's frames were noted when it was opened."""
+        joined = np.concatenate([pan(0), pan(1)])
+        larger = np.stack([cv2.resize(frame, (96 * scale, 60 * scale)) for frame in joined]).astype(np.uint8)
+        if suffix == ".mp4":
+            path = write_video(tmp_path / "joined.mp4", larger)
+        else:
+            path = write_images(tmp_path / "joined", [f"{number}{suffix}" for number in range(20)], larger)
+        frames = read_clip(path).frames
+        assert isinstance(frames, Frames)
+        assert find_cuts(frames) == [10]
+        for number in (0, 13):  # levels of 255: coding, and a video's narrower range
+            assert np.abs(frames.grey(number) - small_grey(frames[number])).mean() < 12
+        assert find_cuts(frames[8:16]) == [2]
 
     def test_colour_and_light_do_not_matter(self):
         joined = np.concatenate([pan(0), pan(1)])
