@@ -111,7 +111,7 @@ def main(clip: str, frames: int, size: str, preset: str, overrides: tuple[str, .
             "pool_mib": sum(stage.bytes for stage in prepared.stages) / MIB,
             "disk_peak_mib": watch.disk / MIB,
             "memory_mib": {
-                "frames": longer.frames.nbytes / MIB,
+                "frames": float(np.prod(longer.frames.shape)) / MIB,
                 "before": before / MIB,
                 "peak": watch.anonymous / MIB,
                 "peak_with_mapped_files": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from bisect import bisect_right
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -165,10 +166,13 @@ class VideoFrames(Source):
             self._close()
 
     def _enter(self, number: int) -> None:
+        from av.error import FFmpegError
+
         assert self._index.pts is not None, "where times tell nothing there are no entries"
         container = self._container or self._open()
         stream = stream_at(container, self._stream)
-        container.seek(self._index.pts[number], stream=stream)
+        with suppress(FFmpegError):  # what is decoded then tells that it is elsewhere
+            container.seek(self._index.pts[number], stream=stream)
         self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, number
 
     def _open(self) -> InputContainer:
