@@ -58,7 +58,7 @@ from harness.full_length import (
 from harness.plan import Plan, model, size, stage, timed, train
 from harness.records import Record
 from harness.scenery import Scenery, precision_figures
-from harness.usage import StageError, measured, toolkit
+from harness.usage import measured, toolkit
 
 RESULTS = Path(__file__).parent / "results"
 CHAINED = "chained"
@@ -151,12 +151,13 @@ def length(task: Task) -> None:
 
 
 def commands(task: Task, part: str, clip: Scenery, *, prepared: bool) -> None:
-    """A record of what each command takes: few steps, all points of a grid, few frames without objects.
+    """A record of what each command takes: few steps, tracks of a grid, few frames without objects.
 
     Without `prepared` there is no decomo-prepare, which takes a clip as one window.
     """
     plan, budget = task.plan, ("--steps", str(task.few_steps))
-    here = plan.work / plan.name / part / f"{clip.name}-{task.few_steps}"
+    facts = plan.facts | {"budget": " ".join(budget), **asdict(clip)}
+    here = plan.folder(f"{part}-{clip.name}", facts)
     run, cache = here / "run", here / "cache"
     begin = clip.num_frames // 2
     shown = f"{begin}:{min(clip.num_frames, begin + RENDERED)}"
@@ -185,7 +186,6 @@ def commands(task: Task, part: str, clip: Scenery, *, prepared: bool) -> None:
         stages = {name: stage(here / f"{name}.json", line) for name, line in lines.items() if name not in left_out}
         return {"stages": stages, "model_bytes": size(model(run))}
 
-    facts = plan.facts | {"budget": " ".join(budget), **asdict(clip)}
     plan.record(part, clip.name, facts, measure)
     shutil.rmtree(cache, ignore_errors=True)
 
@@ -306,15 +306,10 @@ def main(
         raise click.UsageError(f"{CHAINED} names the baseline's records; give another --name")
     plan = Plan(out, work, name, preset, overrides, tuple(_budget(time_budget, steps)))
     task = Task(shared, plan, few_steps, wanted, every, smaller)
-    failed = []
     for part in parts or PARTS:
-        try:
-            PARTS[part](task)
-        except StageError as error:
-            failed.append(part)
-            click.echo(f"Error: {part}: {error}", err=True)
-    if failed:
-        raise click.ClickException(f"{', '.join(failed)} failed; the same command tries again")
+        PARTS[part](task)
+    if plan.failures:
+        raise click.ClickException(f"{', '.join(plan.failures)} failed; the same command tries again")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +17,7 @@ from decomotion import checkpoint, record
 from decomotion import config as configuration
 from decomotion.windows import FILE_NAME
 from harness.records import Record, config_digest, is_done, provenance, write_record
-from harness.usage import measured, toolkit
+from harness.usage import StageError, measured, toolkit
 
 FITS = "fits"
 """Folder of the records of fits."""
@@ -36,6 +36,9 @@ class Plan:
     overrides: tuple[str, ...]
     budget: tuple[str, ...]
     """Options of decomo-train; none: its default."""
+    failures: list[str] = field(default_factory=list)
+    """Parts and clips whose commands failed."""
+    _unfitted: set[str] = field(default_factory=set)
 
     @cached_property
     def facts(self) -> Record:
@@ -54,8 +57,23 @@ class Plan:
         """Of decomo-train and decomo-prepare, but for the budget."""
         return ["--preset", self.preset, *(part for override in self.overrides for part in ("--set", override))]
 
+    def folder(self, name: str, facts: Record) -> Path:
+        """Where what belongs to a record of these facts is made."""
+        digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:8]
+        return self.work / self.name / f"{name}-{digest}"
+
     def record(self, part: str, clip: str, facts: Record, measure: Callable[[], Record], name: str = "") -> None:
-        """Writes the record of a clip with what `measure` gives, where it is not there yet."""
+        """Writes the record of a clip with what `measure` gives, where it is not there yet.
+
+        Where a command fails, says so and notes it in `failures`.
+        """
+        try:
+            self._record(part, clip, facts, measure, name)
+        except StageError as error:
+            self.failures.append(f"{part} {clip}")
+            click.echo(f"Error: {part} {clip}: {error}", err=True)
+
+    def _record(self, part: str, clip: str, facts: Record, measure: Callable[[], Record], name: str = "") -> None:
         path = self.out / (name or self.name) / part / f"{clip}.json"
         facts = {"row": part, "clip": clip, **facts}
         if is_done(path, facts):
@@ -65,9 +83,13 @@ class Plan:
         write_record(path, about | measure())
 
     def fit(self, clip: str, frames: Path) -> Path:
-        """The exported model of a clip, fitted where that is not done; a stopped fit goes on."""
-        digest = hashlib.sha256(json.dumps(self.facts).encode()).hexdigest()[:8]
-        here = self.work / self.name / f"{clip}-{digest}"
+        """The exported model of a clip, fitted where that is not done; a stopped fit goes on.
+
+        Raises `StageError` where that fails, or did in this process.
+        """
+        if clip in self._unfitted:
+            raise StageError("its fit failed")
+        here = self.folder(clip, self.facts)
         run = here / "run"
 
         def measure() -> Record:
@@ -79,7 +101,9 @@ class Plan:
 
         if not (here / "export.json").is_file():
             (self.out / self.name / FITS / f"{clip}.json").unlink(missing_ok=True)  # of a model that is gone
-        self.record(FITS, clip, self.facts, measure)
+        self._unfitted.add(clip)
+        self._record(FITS, clip, self.facts, measure)
+        self._unfitted.remove(clip)
         return model(run)
 
 
