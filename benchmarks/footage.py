@@ -258,7 +258,7 @@ def _budget(time_budget: str | None, steps: int | None) -> Iterator[str]:
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Of the preset.")
 @click.option("--time-budget", help="Of a fit, as for decomo-train.  [default: decomo-train's]")
 @click.option("--steps", type=click.IntRange(min=1), help="Of a fit, instead of a time.")
-@click.option("--few-steps", default=50, help="Of each window where memory and time are measured.")
+@click.option("--few-steps", default=200, help="Of each window where memory and time are measured.")
 @click.option("--clips", help="Names of the full-length clips, separated by commas.  [default: all]")
 @click.option("--every", default=2, type=click.IntRange(min=1), help="Carry masks at every so many rows and columns.")
 @click.option("--smaller", default=1, type=click.IntRange(min=1), help="A trial: lengths and sizes by so much.")

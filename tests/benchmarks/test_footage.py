@@ -79,7 +79,7 @@ def tracker(tmp_path: Path) -> Tracker:
 
 def test_a_mask_is_carried_as_dense_answers_say(tracker: Tracker):
     mask = np.zeros((10, 16), bool)
-    mask[2:6, 3:9] = True
+    mask[:6, :9] = True  # also at the edges, from beyond which what is asked for may have come
     for frame, (carried, seen) in zip((1, 3), carry(tracker, mask, (1, 3), 1), strict=True):
         dense = tracker.dense(frame, to=0)
         y, x = np.indices(mask.shape)
@@ -94,11 +94,12 @@ def test_a_mask_is_carried_as_dense_answers_say(tracker: Tracker):
 
 
 def test_region_similarity_by_hand(tracker: Tracker):
-    """In frame 2 the mask lies three columns and a row on: of 8 x 3 pixels; in frame 3 most are hidden."""
+    """In frame 2 the mask lies three columns on and a row up, of which half is true; in frame 3 all is hidden."""
     masks = np.zeros((4, 10, 16), bool)
     masks[0, 4:8, 2:6] = True
     masks[2, 3:7, 5:9] = True
     masks[2, 3:7, 5:7] = False  # half of it
+    masks[3, 8:, :3] = True  # elsewhere
     found = mask_figures(tracker, masks, every=1)
     assert VELOCITY == (1.5, -0.5)
     assert len(found["j"]) == 3
