@@ -69,7 +69,7 @@ class VideoFrames(Source):
         self._back = 0  # key frames by which to enter earlier than at the nearest: transport streams lead too far
         self._decoding: Iterator[VideoFrame] = iter(())
         self._next = 0
-        self._entered: int | None = None  # the key frame at which it was entered
+        self._entered = False  # whether it is not decoded from its beginning
         self._passed: dict[int, Image] = {}
         self._lock, self._converter = Lock(), VideoReformatter()
 
@@ -131,7 +131,7 @@ class VideoFrames(Source):
                 if self._is_as_before(found, frame):
                     if found > number - PASSED:
                         self._pass(found, frame)
-                elif found == number or self._entered is None:
+                elif found == number or not self._entered:
                     return False
                 if found == number:
                     return True
@@ -140,16 +140,15 @@ class VideoFrames(Source):
         return False
 
     def _number(self, frame: VideoFrame) -> int | None:
-        """Of a frame that was decoded; None of those before the key frame at which the file was entered."""
-        if self._entered is None:
+        """Of a frame that was decoded; None of one that was not there at the opening."""
+        if not self._entered:
             return self._next
-        number = None if frame.pts is None else self._number_of.get(frame.pts)
-        return None if number is None or number < self._entered else number
+        return None if frame.pts is None else self._number_of.get(frame.pts)
 
     def _is_as_before(self, number: int, frame: VideoFrame) -> bool:
         """From the file's beginning, coders decode the same; frames are missing where their times are others."""
         index = self._index
-        if self._entered is not None:
+        if self._entered:
             return index.marks[number] == mark(frame)
         return index.pts is None or index.pts[number] == frame.pts
 
@@ -170,7 +169,7 @@ class VideoFrames(Source):
         stream = stream_at(container, self._stream)
         with suppress(FFmpegError):  # what is decoded then tells that it is elsewhere
             container.seek(self._index.pts[number], stream=stream)
-        self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, number
+        self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, True
 
     def _open(self) -> InputContainer:
         import av
@@ -182,7 +181,7 @@ class VideoFrames(Source):
         except FFmpegError as error:
             raise self._file.changed() from error
         stream = stream_at(self._container, self._stream)
-        self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, None
+        self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, False
         return self._container
 
     def _close(self) -> None:

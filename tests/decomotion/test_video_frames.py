@@ -23,6 +23,7 @@ from clip_files import write_video
 from decomotion import video_frames
 from decomotion.clip import Clip, read_clip
 from decomotion.data.cuts import find_cuts
+from decomotion.decoding import mark
 from decomotion.errors import ClipError
 
 COUNT = 75
@@ -229,7 +230,10 @@ class TestWork:
         assert len(decoded) - begun < 4 * 30
 
     def test_pictures_from_the_lowest_row_up_are_found_again(self, tmp_path: Path, decoded: list[object]):
-        clip = read_clip(lowest_row_first(tmp_path))
+        path = lowest_row_first(tmp_path)
+        with av.open(str(path)) as file:
+            assert len({mark(frame) for frame in file.decode(video=0)}) == COUNT
+        clip = read_clip(path)
         for number in (70, 5, 40):
             _ = clip.frames[number]
         assert len(decoded) == 3
