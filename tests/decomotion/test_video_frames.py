@@ -23,6 +23,7 @@ from clip_files import write_video
 from decomotion import video_frames
 from decomotion.clip import Clip, read_clip
 from decomotion.data.cuts import find_cuts
+from decomotion.decoding import mark
 from decomotion.errors import ClipError
 
 COUNT = 75
@@ -143,14 +144,18 @@ def test_any_order_in_a_part(form: str, tmp_path: Path):
 
 
 def test_any_order_of_pictures_from_the_lowest_row_up(tmp_path: Path):
+    check_any_order(lowest_row_first(tmp_path))
+
+
+def lowest_row_first(folder: Path) -> Path:
     """As old programs write AVI: the height in its header is positive."""
-    path = write(tmp_path / "film.avi", "rawvideo", {}, pixels="bgr24")
+    path = write(folder / "film.avi", "rawvideo", {}, pixels="bgr24")
     upright, content = list(plainly_decoded(path)), bytearray(path.read_bytes())
     place = content.index(b"strf") + 16
     struct.pack_into("<i", content, place, -struct.unpack_from("<i", content, place)[0])
     path.write_bytes(content)
     np.testing.assert_array_equal(next(plainly_decoded(path)), upright[0][::-1])
-    check_any_order(path)
+    return path
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
@@ -212,12 +217,26 @@ class TestWork:
         _ = clip.frames[1]
         assert len(decoded) <= 8 + 2
 
-    def test_where_it_does_not_lead_there_it_is_not_tried_again(self, tmp_path: Path, decoded: list[object]):
-        name, codec, options = FORMS["no key frame but the first"]
+    @pytest.mark.parametrize("form", ["a transport stream", "a transport stream of H.264", "a programme stream"])
+    def test_where_the_container_leads_too_far_an_earlier_one_does(
+        self, form: str, tmp_path: Path, decoded: list[object]
+    ):
+        name, codec, options = FORMS[form]
         clip = read_clip(write(tmp_path / name, codec, options))
+        _ = clip.frames[70]
+        begun = len(decoded)
+        for number in (45, 71, 46, 73):
+            _ = clip.frames[number]
+        assert len(decoded) - begun < 4 * 30
+
+    def test_pictures_from_the_lowest_row_up_are_found_again(self, tmp_path: Path, decoded: list[object]):
+        path = lowest_row_first(tmp_path)
+        with av.open(str(path)) as file:
+            assert len({mark(frame) for frame in file.decode(video=0)}) == COUNT
+        clip = read_clip(path)
         for number in (70, 5, 40):
             _ = clip.frames[number]
-        assert len(decoded) < 4 * COUNT
+        assert len(decoded) == 3
 
     def test_what_was_read_last_is_not_read_again(self, film: Path, decoded: list[object]):
         frames = read_clip(film).frames
