@@ -241,7 +241,7 @@ def _compared(mine: dict[str, float], its: dict[str, float], scale: float = 1) -
 
 
 def _stages(records: Records) -> Iterator[str]:
-    """A line for each command of each record."""
+    """A line for each command of each record; of one that went on after a stop, what the last call took."""
     kinds = {
         "seconds": "seconds",
         "cpu_seconds": "processor seconds",
@@ -252,7 +252,8 @@ def _stages(records: Records) -> Iterator[str]:
     yield from head(["clip", "command", *kinds.values()])
     for clip, record in records.items():
         for name, stage in record["stages"].items():
-            yield line([clip, name, *(str(stage.get(kind, "")) for kind in kinds)])
+            told = f"{name}, the rest of it" if stage.get("resumed") else name
+            yield line([clip, told, *(str(stage.get(kind, "")) for kind in kinds)])
 
 
 def _fits(records: Records) -> Iterator[str]:

@@ -132,10 +132,12 @@ def train(
 ) -> Record:
     """Fits a clip, or goes on with a run that was stopped; what that took.
 
-    Beside what `measured` gives: number of windows, `steps`, and seconds of preparation and of all over all calls.
+    Beside what `measured` gives, of this call alone where it `resumed`: number of windows, `steps`, and seconds of
+    preparation and of all over all calls.
     """
-    begun = (run / record.FILE_NAME).is_file()  # of several windows the same command goes on
-    how = ["--resume"] if begun else [*options, *budget]
+    begun = any(run.rglob(record.FILE_NAME))
+    one_window = not (run / FILE_NAME).is_file()  # of several the same command goes on
+    how = ["--resume"] if begun and one_window else [*options, *budget]
     taken = measured(toolkit("decomo-train", clip, "--out", run, *how), folders, variables)
     made = [checkpoint.load(file).training for file in sorted(run.rglob(checkpoint.FILE_NAME))]
     return taken | {
