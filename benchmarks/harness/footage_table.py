@@ -43,7 +43,8 @@ def table(folder: Path, chained: Path, reference: Path) -> Iterator[str]:
         whole, each = ORDER[part](records, against)
         yield from (line([title, *cells]) for title, *cells in whole)
         details.append([f"{part}:", "", *each])
-    for lines in [*details, list(_fits(_read(folder / FITS)))]:
+    details.append(list(_fits(_read(folder / FITS))))
+    for lines in filter(None, details):
         yield from ("", *lines)
     yield ""
     yield from _made([record for records in [*found.values(), *beside.values()] for record in records.values()])
