@@ -43,7 +43,8 @@ def table(folder: Path, chained: Path, reference: Path) -> Iterator[str]:
         whole, each = ORDER[part](records, against)
         yield from (line([title, *cells]) for title, *cells in whole)
         details.append([f"{part}:", "", *each])
-    for lines in [*details, list(_fits(_read(folder / FITS)))]:
+    details.append(list(_fits(_read(folder / FITS))))
+    for lines in filter(None, details):
         yield from ("", *lines)
     yield ""
     yield from _made([record for records in [*found.values(), *beside.values()] for record in records.values()])
@@ -241,7 +242,7 @@ def _compared(mine: dict[str, float], its: dict[str, float], scale: float = 1) -
 
 
 def _stages(records: Records) -> Iterator[str]:
-    """A line for each command of each record."""
+    """A line for each command of each record; of one that went on after a stop, what the last call took."""
     kinds = {
         "seconds": "seconds",
         "cpu_seconds": "processor seconds",
@@ -252,7 +253,8 @@ def _stages(records: Records) -> Iterator[str]:
     yield from head(["clip", "command", *kinds.values()])
     for clip, record in records.items():
         for name, stage in record["stages"].items():
-            yield line([clip, name, *(str(stage.get(kind, "")) for kind in kinds)])
+            told = f"{name}, the rest of it" if stage.get("resumed") else name
+            yield line([clip, told, *(str(stage.get(kind, "")) for kind in kinds)])
 
 
 def _fits(records: Records) -> Iterator[str]:

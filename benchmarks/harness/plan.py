@@ -15,6 +15,7 @@ import click
 
 from decomotion import checkpoint, record
 from decomotion import config as configuration
+from decomotion.errors import InputError
 from decomotion.windows import FILE_NAME
 from harness.records import Record, config_digest, is_done, provenance, write_record
 from harness.usage import StageError, measured, toolkit
@@ -65,11 +66,11 @@ class Plan:
     def record(self, part: str, clip: str, facts: Record, measure: Callable[[], Record], name: str = "") -> None:
         """Writes the record of a clip with what `measure` gives, where it is not there yet.
 
-        Where a command fails, says so and notes it in `failures`.
+        Where a command fails, or what it made is refused, says so and notes it in `failures`.
         """
         try:
             self._record(part, clip, facts, measure, name)
-        except StageError as error:
+        except (StageError, InputError) as error:
             self.failures.append(f"{part} {clip}")
             click.echo(f"Error: {part} {clip}: {error}", err=True)
 
@@ -131,10 +132,12 @@ def train(
 ) -> Record:
     """Fits a clip, or goes on with a run that was stopped; what that took.
 
-    Beside what `measured` gives: number of windows, `steps`, and seconds of preparation and of all over all calls.
+    Beside what `measured` gives, of this call alone where it `resumed`: number of windows, `steps`, and seconds of
+    preparation and of all over all calls.
     """
-    begun = (run / record.FILE_NAME).is_file()  # of several windows the same command goes on
-    how = ["--resume"] if begun else [*options, *budget]
+    begun = any(run.rglob(record.FILE_NAME))
+    one_window = not (run / FILE_NAME).is_file()  # of several the same command goes on
+    how = ["--resume"] if begun and one_window else [*options, *budget]
     taken = measured(toolkit("decomo-train", clip, "--out", run, *how), folders, variables)
     made = [checkpoint.load(file).training for file in sorted(run.rglob(checkpoint.FILE_NAME))]
     return taken | {

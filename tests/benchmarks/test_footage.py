@@ -283,7 +283,8 @@ def test_a_table_of_records(tmp_path: Path):
     scored = {"first": {"average_pts_within_thresh": 0.5, "average_jaccard": 0.25}}
     better = {"first": {"average_pts_within_thresh": 0.75, "average_jaccard": 0.5}}
     size = {"num_frames": 100, "width": 640, "height": 360}
-    commands = {name: command_taken(10, 1.5) for name in ("train", "export", "track", "render")}
+    commands: dict[str, Any] = {name: command_taken(10, 1.5) for name in ("train", "export", "track", "render")}
+    commands["train"] |= {"resumed": True}
     lesser = {name: command_taken(2, 1.25) for name in commands}
     spread = {"points": 1234, "median": 0.75, "p90": 2.0}
     records = [
@@ -318,6 +319,7 @@ def test_a_table_of_records(tmp_path: Path):
         "| first 32 frames, AJ, first, 1 clips | 50.0 | 25.0 | +25.0 |",
         "| mask of frame 0 carried, J, all pixels, 1 clips | 0.750 |  |  |",
         "| 100 frames of 640x360: peak GiB of decomo-track | 1.50 |  |  |",
+        "| c | train, the rest of it | 10 | 20 | 1.5 | 0.75 | 0.25 |",
         "| 100 frames of 640x360: seconds a frame | 0.30 | 0.60 (10 frames) | 0.50 times |",
         "| 100 frames of 640x360: peak GiB of disk | 0.25 | 0.25 (10 frames) |  |",
         "| 100 frames of 640x360: median error in px, and told so, plain | 0.50 |  |  |",
