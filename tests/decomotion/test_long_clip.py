@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -278,3 +279,8 @@ def test_windows_are_prepared_ahead_of_their_fits(
     assert sorted(path.name for path in Path().glob("*.png")) == [f"sheet-window-00{number}.png" for number in range(3)]
     monkeypatch.setattr("decomotion.data.prepare.build_links", lambda *_: pytest.fail("they are made again"))
     assert main([f"{frames}@6:14", "--steps", "1", *SET_TINY]) == 0
+
+
+def test_who_looks_on_has_no_torch():
+    code = "import sys, decomotion.cli, decomotion.long_clip; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
