@@ -47,7 +47,20 @@ def _joined(parts: Sequence[_Points]) -> _Points:
     return _Points(*(np.concatenate([getattr(part, name) for part in parts]) for name in _Points.__annotations__))
 
 
-class Journey:
+def follow(
+    models: WindowModels,
+    queries: Floats,
+    frames: npt.NDArray[np.int64],
+    chunk: int | None = None,
+    max_memory: int | None = None,
+) -> tuple[Floats, Floats]:
+    """Places [N, M, 2] in pixels and occlusion [N, M] of `queries` [N, 3] in `frames` [M] of the clip."""
+    if len(models) == 1:
+        return models[0].track(queries, frames, chunk, max_memory)
+    return _Journey(models, queries, frames, chunk, max_memory).run()
+
+
+class _Journey:
     """Leads points through the windows.
 
     Args:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.chunks import query_chunks
+from decomo_runtime.journey import follow
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import Providers
 from decomo_runtime.queries import check_frames, check_queries
@@ -124,7 +125,7 @@ class Tracker:
         """
         queries = check_queries(queries, self.facts)
         frames = check_frames(frames, self.num_frames)
-        xy, occlusion = self._models.track(queries, frames, chunk, max_memory)
+        xy, occlusion = follow(self._models, queries, frames, chunk, max_memory)
         size = self.height, self.width
         occluded = occlusion > self.occlusion_threshold
         return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])

@@ -7,17 +7,19 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import ModelFileError
-from decomo_runtime.journey import Journey
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import ModelFacts
-from decomo_runtime.returning import Returning
 from decomotion.quality import Quality
 from decomotion.windows import FILE_NAME, Window, Windows
+
+if TYPE_CHECKING:
+    from decomo_runtime.returning import Returning
 
 MOST_OPEN = 8
 """Models that are kept open at a time."""
@@ -110,19 +112,13 @@ class WindowModels:
                 getattr(whole, name)[rows] = getattr(part, name)
         return whole
 
-    def track(
-        self, queries: Floats, frames: npt.NDArray[np.int64], chunk: int | None = None, max_memory: int | None = None
-    ) -> tuple[Floats, Floats]:
-        """Places [N, M, 2] in pixels and occlusion [N, M] of `queries` [N, 3] in `frames` [M] of the clip."""
-        if len(self) == 1:
-            return self[0].track(queries, frames, chunk, max_memory)
-        return Journey(self, queries, frames, chunk, max_memory).run()
-
     def returning(self, number: int, step: int) -> Returning:
         """What window `number` has hidden in the middle of the frames that it shares with the one behind it.
 
         `step` is the direction in time in which it is entered.
         """
+        from decomo_runtime.returning import Returning  # OpenCV, which only such points need
+
         key = number, step
         with self._lock:
             if key not in self._returning:

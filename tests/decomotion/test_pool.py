@@ -9,7 +9,7 @@ import pytest
 
 from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool, pack
 
-ARRAYS = [name for name in Pool.__dataclass_fields__ if name != "longer_side"]
+ARRAYS = [name for name in Pool.__dataclass_fields__ if name not in ("longer_side", "thinned")]
 TYPES = {"confidence": np.uint8, "rgb": np.uint8, "moving": np.uint8, "feature": np.float16, "targets": np.uint16}
 SIZES = [(48, 64, 192), (64, 48, 192), (33, 57, 100), (32, 32, 256)]
 

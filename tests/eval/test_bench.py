@@ -11,7 +11,6 @@ import os
 import pickle
 import shutil
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,10 +25,11 @@ from decomo_eval.bench import run, task
 from decomo_eval.bench.cli import main
 from decomo_eval.bench.task import COMMANDS
 from decomo_eval.dataset import Video, read_dataset, write_frames
-from decomo_eval.errors import PredictionError
+from decomo_eval.errors import EvalError, PredictionError
 from decomotion.clip import read_clip
 from decomotion.errors import EngineError
 from decomotion.jobs import cluster
+from decomotion.jobs import task as job
 from decomotion.jobs.cluster import ENVIRONMENT, RayEngine
 from decomotion.jobs.engine import Room, run_tasks
 from decomotion.jobs.lock import alone
@@ -376,8 +376,9 @@ def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkey
     """It may be lent to an attempt with one next; the commands see none."""
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
     seen = []
-    told = subprocess.CompletedProcess([], 1)
-    monkeypatch.setattr(subprocess, "run", lambda *_, env, **__: seen.append(env["CUDA_VISIBLE_DEVICES"]) or told)
+    monkeypatch.setattr(
+        job, "_run", lambda line, log, environment: seen.append(environment["CUDA_VISIBLE_DEVICES"]) or 1
+    )
     left = task.VideoTask("left", tmp_path / "out", (), attempts=1)
     left.frames.mkdir(parents=True)
     for on_gpu in (False, True):

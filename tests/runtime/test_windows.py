@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from decomo_runtime import ModelFileError, Tracker
+from decomo_runtime.journey import follow
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.windows import MOST_OPEN, WindowModels
@@ -95,7 +96,7 @@ def test_points_in_sight_go_through_all_windows_both_ways(make, frames: int, lon
     models, _ = make(windows)
     queries = np.array([(t, 3.5 + t, 2.25) for t in range(frames)], np.float32)
     every = np.arange(frames)
-    xy, hidden = models.track(queries, every)
+    xy, hidden = follow(models, queries, every)
     np.testing.assert_allclose(xy, truth(queries, every), atol=1e-4)
     assert not hidden.any()
 
@@ -107,17 +108,17 @@ def test_an_answer_depends_on_no_other_query_or_frame(make):
     models, _ = make(split(50, [], 20), flickering, error=0.5)
     queries = np.array([(t, 3.5 + t, 2.25) for t in (0, 49, 17, 30, 31, 8)], np.float32)
     every = np.arange(50)
-    whole = models.track(queries, every)
+    whole = follow(models, queries, every)
     for row in range(len(queries)):
-        alone = models.track(queries[row : row + 1], every)
+        alone = follow(models, queries[row : row + 1], every)
         for one, of_all in zip(alone, whole, strict=True):
             np.testing.assert_array_equal(one[0], of_all[row])
     for frame in every:
-        alone = models.track(queries, np.array([frame]))
+        alone = follow(models, queries, np.array([frame]))
         for one, of_all in zip(alone, whole, strict=True):
             np.testing.assert_array_equal(one[:, 0], of_all[:, frame])
     mixed = np.array([44, 3, 3, 20])
-    for one, of_all in zip(models.track(queries, mixed), whole, strict=True):
+    for one, of_all in zip(follow(models, queries, mixed), whole, strict=True):
         np.testing.assert_array_equal(one, of_all[:, mixed])
 
 
@@ -129,7 +130,7 @@ def test_a_point_crosses_where_it_is_surest_to_be_seen(make):
         return np.where(frames == 18, 0.1, 0.4) + 0 * origin
 
     models, _ = make(windows, hidden, error=1.0)
-    xy, occlusion = models.track(np.array([[2, 5, 5]], np.float32), np.arange(34))
+    xy, occlusion = follow(models, np.array([[2, 5, 5]], np.float32), np.arange(34))
     steps = np.diff(xy[0, :, 0])
     assert np.flatnonzero(np.abs(steps - 2) > 0.5).tolist() == [1, 2, 18]  # out of the query, and out of frame 18
     assert xy[0, 33, 0] == pytest.approx(5 + 2 * 31 + 2)
@@ -140,7 +141,7 @@ def test_a_query_among_the_shared_frames_crosses_there(make):
     models, _ = make(split(40, [], 24), lambda origin, frames: 0.45 + 0 * origin + 0 * frames, error=1.0)
     (shared,) = [models.layout.shared(0)]
     for frame in shared:
-        xy, _ = models.track(np.array([[frame, 50, 5]], np.float32), np.array([0, 39]))
+        xy, _ = follow(models, np.array([[frame, 50, 5]], np.float32), np.array([0, 39]))
         assert np.abs(xy[0] - truth(np.array([[frame, 50, 5]]), np.array([0, 39]))[0]).max() == pytest.approx(1.0)
 
 
@@ -159,7 +160,7 @@ def test_a_point_that_is_hidden_in_all_shared_frames_comes_back(make, at: tuple[
     models, _ = make(windows, behind(10, 26))
     query, every = np.array([at], np.float32), np.arange(44)
     origin = at[1] - 2 * at[0]
-    xy, occlusion = models.track(query, every)
+    xy, occlusion = follow(models, query, every)
     assert 20 <= origin <= 40 or not occlusion.any()
     np.testing.assert_allclose(xy, truth(query, every), atol=1e-3)
     np.testing.assert_allclose(occlusion[0], behind(10, 26)(np.array([[origin]]), every)[0], atol=1e-6)
@@ -169,7 +170,7 @@ def test_one_that_does_not_stays_hidden_and_is_not_taken_for_what_covers_it(make
     windows = (Window("window-000", 0, 20), Window("window-001", 14, 44), Window("window-002", 40, 60))
     models, _ = make(windows, behind(10, 60))
     query, every = np.array([[2, 34.25, 22.5]], np.float32), np.arange(60)
-    xy, occlusion = models.track(query, every)
+    xy, occlusion = follow(models, query, every)
     np.testing.assert_allclose(xy[0, :18], truth(query, every)[0, :18], atol=1e-3)
     np.testing.assert_allclose(xy[0, 18:], np.tile(xy[0, 17], (42, 1)), atol=1e-3)
     assert (occlusion[0, 18:] == 1).all()
@@ -179,7 +180,7 @@ def test_what_comes_back_belongs_to_what_was_hidden(make):
     """Points of the scene are hidden all the time; those of an object, in the same place, come back."""
     windows = (Window("window-000", 0, 20), Window("window-001", 14, 44))
     models, _ = make(windows, behind(10, 26))
-    assert (models.track(np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 0).all()
+    assert (follow(models, np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 0).all()
     confidence = Standing.sample
 
     def of_an_object(self, queries, chunk=None, max_memory=None):
@@ -190,12 +191,12 @@ def test_what_comes_back_belongs_to_what_was_hidden(make):
     models, _ = make(windows, behind(10, 26))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Standing, "sample", of_an_object)
-        assert (models.track(np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 1).all()
+        assert (follow(models, np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 1).all()
 
 
 def test_across_a_cut_nothing_is_followed(make):
     models, opened = make(split(30, [13], 20))
-    xy, hidden = models.track(np.array([[5, 5, 5], [20, 40, 5]], np.float32), np.arange(30))
+    xy, hidden = follow(models, np.array([[5, 5, 5], [20, 40, 5]], np.float32), np.arange(30))
     assert (hidden[0] == np.r_[np.zeros(13), np.ones(17)]).all()
     assert (hidden[1] == np.r_[np.ones(13), np.zeros(17)]).all()
     np.testing.assert_allclose(xy[0, 13:], np.tile(xy[0, 12], (17, 1)))
@@ -206,7 +207,7 @@ def test_across_a_cut_nothing_is_followed(make):
 def test_only_windows_on_the_way_are_asked(make):
     models, opened = make(split(100, [], 20))
     opened["window-000"].asked.clear()
-    models.track(np.array([[50, 40, 5]], np.float32), np.array([50, 51]))
+    follow(models, np.array([[50, 40, 5]], np.float32), np.array([50, 51]))
     assert [name for name, model in opened.items() if model.asked] == [
         models.layout.windows[models.layout.home(np.array([50]))[0]].name
     ]
@@ -215,7 +216,7 @@ def test_only_windows_on_the_way_are_asked(make):
 def test_few_models_stay_open(make):
     models, opened = make(split(300, [], 20))
     assert len(models) > MOST_OPEN + 2
-    models.track(np.array([[0, 5, 5]], np.float32), np.array([299]))
+    follow(models, np.array([[0, 5, 5]], np.float32), np.array([299]))
     assert len(opened) == len(models)
     assert len(models._models) == MOST_OPEN
 
