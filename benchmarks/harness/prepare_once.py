@@ -135,7 +135,7 @@ def main(clip: str, record: str, settings: str) -> None:
     content: dict[str, Any] = {
         "frames": len(frames),
         "points": pool.num_points,
-        "intervals": prepared.stages[0].facts["intervals"] if "intervals" in prepared.stages[0].facts else None,
+        "intervals": prepared.stages[0].facts["intervals"],
         "cpu_seconds": {"reading": read - cpu, **parts, "all": done - cpu},
         "wall_seconds": time.perf_counter() - wall,
         "pool_mib": sum(stage.bytes for stage in prepared.stages) / MIB,

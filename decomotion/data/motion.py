@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ def build_motion(
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
     kind: str,
-    given: Sequence[npt.NDArray[np.bool_]] | None,
+    given: Iterable[npt.NDArray[np.bool_]] | None,
     random: np.random.Generator,
     progress: bool,
     folder: Path,

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -57,9 +56,6 @@ class Matched(MatchStore):
         return self.lasting
 
 
-CLOCK = [0.0]
-
-
 class Flows(FlowStore):
     """Fields that last 2 seconds each; none is made."""
 
@@ -67,14 +63,14 @@ class Flows(FlowStore):
         return 2.0 * fields
 
     def compute(self, gaps: Sequence[int], progress: bool, only: slice = slice(None)) -> int:
-        fields = 2 * len(range(FRAMES - 1)[only])
-        CLOCK[0] += 2.0 * fields
-        return fields
+        return 2 * len(range(FRAMES - 1)[only])
+
+    def seconds_a_search(self) -> float:
+        return 2.0
 
 
 @pytest.fixture
 def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
-    monkeypatch.setattr(budget, "time", SimpleNamespace(monotonic=lambda: CLOCK[0]))
     monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: DEAR)
     matches = Matched(CLIP, MatchingConfig(intervals=(4,), supporters=10), tmp_path / "matches")
     return Flows(CLIP, Estimator(), matches, tmp_path / "flow")
@@ -118,7 +114,7 @@ def test_flow_has_its_share_and_points_fit_into_the_rest(
     flows: Flows, seconds: float, gaps: list[int], points: int, caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
     chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, seconds, tmp_path / "schedule.json")
-    assert chosen == {"intervals": gaps, "seconds_per_field": 2.0, "points": points, "thinned": points < 500}
+    assert chosen == {"intervals": gaps, "seconds_per_search": 2.0, "points": points, "thinned": points < 500}
     listed = " ".join(map(str, gaps))
     told = f"{points} of 500 points a frame are linked, by flow at gaps {listed} of 1 2 4" if points < 500 else ""
     assert told in caplog.text
@@ -186,7 +182,9 @@ class TestOfParts:
     def test_masks(self, frames: int, pairs: int, monkeypatch: pytest.MonkeyPatch) -> None:
         """A frame is compared with 8 on either side, or with as many as there are; a trial is of 6 pairs."""
         asked = []
-        monkeypatch.setattr(masks_cost, "auto_masks", lambda *arguments: asked.append([a.shape for a in arguments[:4]]))
+        monkeypatch.setattr(
+            masks_cost, "moving_probability", lambda *arguments: asked.append([a.shape for a in arguments[:4]])
+        )
         clip = np.zeros((frames, 28, 40, 3), np.uint8)
         seconds = masks_cost.seconds_a_frame(clip, 500, np.random.default_rng(3))
         some = min(3, frames)

@@ -13,7 +13,7 @@ def test_units_cover_the_same_area():
         evidence.to_units(np.array([[-0.5, 511.5], [255.5, 0.0]], np.float32), 512, 256),
         [[-0.5, 255.5], [127.5, -0.25]],
     )
-    assert evidence.in_units(np.zeros((2, 64, 128, 3), np.uint8)).shape == (2, 128, 256, 3)
+    assert evidence.in_units(np.zeros((64, 128, 3), np.uint8)).shape == (128, 256, 3)
 
 
 def test_transfer_distance():

@@ -465,7 +465,7 @@ class TestCache:
             left.append(seconds)
             return wanted
 
-        for module in (links_stage, budget):
+        for module in (links_stage, preparation):
             monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
         monkeypatch.setattr(links_stage, "MatchStore", Slow)
         monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 1.0)
@@ -474,7 +474,7 @@ class TestCache:
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
         links = prepare_in_stages(clip, settings, progress=False).stages[0]
         assert left == [67.0]
-        assert links.seconds == {"estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
+        assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
     def test_links_go_on_after_the_part_that_was_done(

@@ -109,10 +109,11 @@ def motion_evidence(
         pairs: dict[int, _Pair] = {}
         for other in neighbours(frame, count):
             target, visible = to_units(targets[frame, other], *sides), confidence[frame, other]
-            if frame < other:  # and what it finds is good for the way back
-                camera = cameras[frame, other] = _Camera.fit(source, target, visible, border, random)
-            else:
-                camera = inverse(cameras.pop((other, frame)))
+            camera = None if frame < other else inverse(cameras.pop((other, frame)))
+            if camera is None:
+                camera = _Camera.fit(source, target, visible, border, random)
+            if frame < other:
+                cameras[frame, other] = camera  # for the way back
             if camera is not None and (visible > 0).sum() >= MIN_VALID:
                 pairs[other] = _Pair.of(camera, source, target, visible > 0)
         if not pairs:
