@@ -156,8 +156,8 @@ class _Work:
     def working(self) -> Clip:
         """The clip at the size that preparation works at, on disk; made when the first stage asks for it."""
         side = working_side(self.config.flow)
-        frames = self.stage("frames", side=side)
-        return working_clip(self.clip, frames.run(partial(build_frames, self.clip, side, self.progress)).folder)
+        made = self.stage("frames", side=side).run(partial(self.build_frames, side), self.rebuild)
+        return working_clip(self.clip, made.folder)
 
     @cached_property
     def estimator(self) -> FlowEstimator:
@@ -278,6 +278,9 @@ class _Work:
         return None
 
     # how each is made
+
+    def build_frames(self, side: int, folder: Path) -> dict[str, Any]:
+        return build_frames(self.clip, side, self.progress, folder)
 
     def build_links(self, folder: Path) -> dict[str, Any]:
         begin, random = time.monotonic(), generator(self.seed, "points")

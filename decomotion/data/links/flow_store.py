@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -187,7 +187,12 @@ def _errors(there: Flow, back: Flow) -> Flow:
 
 
 def _grid(flow: Flow) -> Flow:
-    height, width = flow.shape[:2]
+    """The pixels of its raster, not to be written to."""
+    return _pixels(*flow.shape[:2])
+
+
+@lru_cache(2)
+def _pixels(height: int, width: int) -> Flow:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
