@@ -345,7 +345,7 @@ class TestCache:
                 self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1), start: Flow | None = None
             ) -> Flow:
                 called.append(pair)
-                if len(called) == 40:
+                if len(called) == 24:
                     raise KeyboardInterrupt
                 return super().__call__(first, second, pair, start)
 

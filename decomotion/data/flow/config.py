@@ -39,8 +39,6 @@ class DisFlowConfig(FlowConfig):
     """Longer side in pixels that the enlarged frames may have at most."""
     patch_stride: int = Field(ge=1)
     """Pixels between patches."""
-    guided_patch_stride: int = Field(4, ge=1)
-    """The same where the search has a start, from which it has less far to go."""
     descent_iterations: int = Field(ge=1)
     """Gradient descent iterations per patch."""
     refinement_iterations: int = Field(ge=0)

@@ -52,7 +52,7 @@ class DisFlow:
         if not hasattr(self._of_thread, name):
             dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
             dis.setFinestScale(0)
-            dis.setPatchStride(self._config.guided_patch_stride if guided else self._config.patch_stride)
+            dis.setPatchStride(self._config.patch_stride)
             dis.setGradientDescentIterations(self._config.descent_iterations)
             dis.setVariationalRefinementIterations(self._config.refinement_iterations)
             dis.setVariationalRefinementGamma(self._config.gradient_weight)
