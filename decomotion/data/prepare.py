@@ -30,8 +30,8 @@ from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.folder import MaskFiles, read_masks
 from decomotion.data.motion import build_motion
-from decomotion.data.pool import PackedPositions, Pool, affordable_points, open_pool
-from decomotion.data.sampling import rescaled
+from decomotion.data.pool import PackedPositions, Pool, affordable_points, jittered_grid, open_pool
+from decomotion.data.sampling import rescaled, sample_map
 from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
@@ -292,7 +292,9 @@ class _Work:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""
         frames, extractor, seconds = self.working.frames, self.extractor, 0.0
         if extractor is not None:
-            seconds += least_seconds(lambda: extractor(frames[0]))
+            sides = (self.working.height, self.working.width)
+            where = jittered_grid(1, *sides, points, generator(self.seed, "cost"))[0]
+            seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if self.config.masks == "auto":
             seconds += seconds_a_frame(frames, points, generator(self.seed, "cost"))
         return len(frames) * seconds

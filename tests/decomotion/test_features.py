@@ -87,7 +87,8 @@ class TestDenseSift:
         grey = torch.from_numpy(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)).float()[None, None] / 255
         between = torch.nn.functional.avg_pool2d(DenseSIFTDescriptor(padding=6)(grey), 2, stride=1)
         true = torch.nn.functional.normalize(between, dim=1)[0].permute(1, 2, 0).reshape(60, 90, 8, 16)
-        cosine = (DenseSift()(frame) * true.transpose(2, 3).reshape(60, 90, 128).detach().numpy()).sum(axis=-1)
+        by_cell = true.transpose(2, 3).reshape(60, 90, 128).detach().numpy()
+        cosine = (DenseSift()(np.asarray(frame, np.uint8)) * by_cell).sum(axis=-1)
         assert cosine[8:-8, 8:-8].min() > 0.98
         assert np.median(cosine) > 0.995
 

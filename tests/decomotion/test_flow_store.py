@@ -78,7 +78,7 @@ def test_long_gaps_are_searched_once_and_neighbours_a_second_time_where_it_may_h
 
     def matched(_: MatchStore, first: int, second: int) -> Matches:
         away = flow(5 if {first, second} == {2, 3} else SPEED * (second - first))
-        return Matches(away[::4, ::4] / 4, everywhere)
+        return Matches(away[::4, ::4] / np.float32(4), everywhere)
 
     monkeypatch.setattr(MatchStore, "__call__", matched)
     found.compute((1, 2), progress=False)

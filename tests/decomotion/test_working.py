@@ -38,7 +38,7 @@ class Decoded(np.ndarray):
         self.most = max(self.most, len(self.held))
         return made
 
-    def __iter__(self) -> Iterator[np.ndarray]:
+    def __iter__(self) -> Iterator[np.ndarray]:  # type: ignore[override]
         return (self[number] for number in range(FRAMES))
 
 

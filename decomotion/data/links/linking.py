@@ -212,7 +212,7 @@ def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, c
         occluded = start.occluded.reshape(-1)[which] | gone | (error > cycle_threshold)
         np.minimum(error, np.float32(CYCLE_LIMIT), out=error)
         variance = start.variance.reshape(-1)[which] + np.float32(added) + np.float32(CYCLE_SHARE) * error * error
-        return _State(start.sources, there, variance, occluded)
+        return _State(start.sources, there, variance.astype(np.float32), occluded)
 
     for _ in _improved(best, start, added, carried):
         pass
@@ -243,7 +243,7 @@ def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: 
     xy = _positions(start, which)
     column, row = np.floor((xy + np.float32(0.5)) / pixels).astype(np.int64).T
     column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
-    there = xy + matches.displacement[row, column] * pixels
+    there = (xy + matches.displacement[row, column] * pixels).astype(np.float32)
     hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
     variance = start.variance.reshape(-1)[which] + np.float32(MATCH_VARIANCE)
     return _State(start.sources, there, variance, start.occluded.reshape(-1)[which] | hidden)

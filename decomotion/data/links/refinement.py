@@ -36,7 +36,7 @@ class Refiner:
         scale = SIDE / max(clip.height, clip.width)
         size = (max(1, round(clip.width * scale)), max(1, round(clip.height * scale)))
         self._size = size
-        self._grey = lru_cache(KEPT)(lambda frame: resized(cv2.cvtColor(clip.frames[frame], cv2.COLOR_RGB2GRAY), size))
+        self._grey = lru_cache(KEPT)(lambda frame: cv2.cvtColor(resized(clip.frames[frame], size), cv2.COLOR_RGB2GRAY))
 
     def __call__(
         self,

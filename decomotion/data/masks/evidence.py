@@ -76,7 +76,8 @@ def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     height, width = frame.shape[:2]
     scale = 1 / unit(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
 
 
 def motion_evidence(
@@ -100,7 +101,11 @@ def motion_evidence(
         progress: show a progress bar.
     """
     count, (height, width) = len(points), in_units(frames[0]).shape[:2]
-    blurred = lru_cache(2 * NEIGHBOURS + 1)(lambda frame: cv2.GaussianBlur(in_units(frames[frame]), (0, 0), 1))
+
+    @lru_cache(2 * NEIGHBOURS + 1)
+    def blurred(frame: int) -> npt.NDArray[np.uint8]:
+        return np.asarray(cv2.GaussianBlur(in_units(frames[frame]), (0, 0), 1), np.uint8)
+
     cameras: dict[tuple[int, int], _Camera | None] = {}
     residual = np.full(points.shape[:2], np.nan, np.float32)
     change = np.full(points.shape[:2], np.nan, np.float32)
@@ -168,7 +173,8 @@ def inverse(camera: _Camera | None) -> _Camera | None:
     """The camera's motion the other way; None where there is none."""
     if camera is None:
         return None
-    return _Camera(np.linalg.inv(camera.homography), None if camera.fundamental is None else camera.fundamental.T)
+    back = np.linalg.inv(camera.homography).astype(np.float64)
+    return _Camera(back, None if camera.fundamental is None else camera.fundamental.T)
 
 
 @dataclass(frozen=True)
