@@ -43,6 +43,9 @@ class Estimator:
     def __call__(self, first: Any, second: Any, pair: tuple[int, int], start: Any = None) -> Any:
         self.asked.append(pair)
 
+    def effort(self, gap: int) -> float:
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """All are there."""
 
@@ -136,6 +139,17 @@ def test_what_linking_all_points_leaves_is_flow_s(
     cheap = HopCosts(flow=0.0001, match=0.0)
     chosen = scheduled(CLIP, settings(180.0), flows, 500, cheap, seconds, tmp_path / "schedule.json")
     assert (chosen["intervals"], chosen["points"], chosen["thinned"]) == (gaps, 500, gaps != [1, 2, 4])
+
+
+def test_fields_cost_what_their_gap_does(flows: Flows, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A search at gap 4 takes half, so that flow takes 60 seconds instead of 68; and neighbours are searched twice."""
+    monkeypatch.setattr(Estimator, "effort", lambda _, gap: 0.5 if gap == 4 else 1.0)
+    for number, (seconds, gaps) in enumerate([(100.1, [1, 2, 4]), (99.9, [1, 2])]):
+        file = tmp_path / f"{number}.json"
+        assert scheduled(CLIP, settings(180.0), flows, 500, DEAR, seconds, file)["intervals"] == gaps
+    flows.estimator.guided = True
+    flows.matches.gaps = [1, 4]
+    assert [flows.effort(gap) for gap in (1, 2, 4)] == [2.0, 1.0, 0.5]
 
 
 def test_what_was_chosen_stays(flows: Flows, tmp_path: Path) -> None:

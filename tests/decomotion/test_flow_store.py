@@ -39,6 +39,9 @@ class Searcher:
         reached = np.linalg.norm(true - (0 if begin is None else begin)) < self.REACH
         return flow(true if reached else SPEED * 0 + (5 if pair[1] > pair[0] else 0))  # not its own way back
 
+    def effort(self, gap: int) -> float:
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """Any."""
 

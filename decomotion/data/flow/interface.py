@@ -36,6 +36,10 @@ class FlowEstimator(Protocol):
         """
         ...
 
+    def effort(self, gap: int) -> float:
+        """What a search between frames so far apart takes, as a share of what one between neighbours takes."""
+        ...
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """Raises `SupervisionError` where one of these pairs cannot be answered, before any long work."""
         ...

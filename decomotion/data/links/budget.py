@@ -86,7 +86,7 @@ def scheduled(
     frames, max_gap = len(clip), config.pool.max_gap
 
     def flow(gaps: tuple[int, ...]) -> float:
-        return cost * sum(flows.searches(gap) * count_fields((gap,), frames) for gap in gaps)
+        return cost * sum(flows.effort(gap) * count_fields((gap,), frames) for gap in gaps)
 
     def each(gaps: tuple[int, ...]) -> float:
         return 0.0 if hop is None else hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)

@@ -94,7 +94,7 @@ class FlowStore:
         first, second = self.clip.frames[:2]
         with _one_thread_each(self.estimator.concurrent):
             each = least_seconds(lambda: self.estimator(first, second, (0, 1)))
-        return fields * each * self.searches(1) / at_once(self.estimator)
+        return fields * each * self.effort(1) / at_once(self.estimator)
 
     def seconds_a_search(self) -> float:
         """What one has taken at the least, of those that were made, where as many are made at once as may be.
@@ -103,9 +103,10 @@ class FlowStore:
         """
         return min(self._took) / at_once(self.estimator)
 
-    def searches(self, gap: int) -> int:
-        """How often the estimator is asked for a field at that gap, at most."""
-        return 2 if self.estimator.guided and gap == 1 and gap in self.matches.gaps else 1
+    def effort(self, gap: int) -> float:
+        """What a field at that gap takes at most, in searches between neighbours, where a second one may follow."""
+        searches = 2 if self.estimator.guided and gap == 1 and gap in self.matches.gaps else 1
+        return searches * self.estimator.effort(gap)
 
     def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
