@@ -61,7 +61,9 @@ def write_truth(davis: Path, name: str, frames: int, size: tuple[int, int], file
 
 def record_of(clip: Path, code: Path, truth: Path | None, settings: dict[str, Any], size: tuple[int, int]) -> str:
     """What a process with the code in `code` says of the clip."""
-    with tempfile.TemporaryDirectory(dir=os.environ.get("DECOMO_CACHE")) as name:
+    if place := os.environ.get("DECOMO_CACHE"):
+        Path(place).mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=place) as name:
         folder = Path(name)
         for part in ("clip", "cache"):
             (folder / part).mkdir()

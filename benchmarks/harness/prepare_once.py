@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 MIB = 2**20
+DRAWS = 100
 UNITS = (1, 2, 4)
 """Links within so many pixels of a 256-pixel frame are counted."""
 
@@ -112,6 +113,17 @@ def mask_overlap(pool: Any, masks: np.ndarray) -> float:
     return float(np.mean(scores))
 
 
+def draw_ms(pool: Any, optim: Any) -> dict[str, float]:
+    """What drawing a batch for the fit takes, the first time and in the median."""
+    sampler = import_module("decomotion.data.batch").Sampler(pool, optim)
+    generator, seconds = import_module("decomotion.chance").torch_generator, []
+    for number in range(DRAWS):
+        begin = time.perf_counter()
+        sampler.draw(pool.num_frames - 1, generator(0, "batch", number))
+        seconds.append(time.perf_counter() - begin)
+    return {"first": 1e3 * seconds[0], "median": 1e3 * float(np.median(seconds))}
+
+
 def main(clip: str, record: str, settings: str) -> None:
     asked = json.loads(settings)
     time.monotonic = time.process_time  # by which stages are timed
@@ -146,6 +158,8 @@ def main(clip: str, record: str, settings: str) -> None:
             "peak_with_mapped_files": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         },
     }
+    with suppress(ModuleNotFoundError):  # of older states
+        content["draw_ms"] = draw_ms(pool, config.optim)
     if asked.get("truth"):
         truth = np.load(asked["truth"])
         links = link_errors(pool, truth["xy"], truth["occluded"], (frames.width, frames.height))

@@ -169,7 +169,8 @@ def test_a_point_is_refined_once_where_it_is_found_at_last() -> None:
 def test_the_nearest_of_both_sides(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matching, "BLOCK", block)
     cells, others = torch.randn(2, 4, 6, 8, generator=torch.Generator().manual_seed(0))
-    others[1, 2] = others[3, 1] = cells[2, 3]  # equals: the first
+    others[1, 2] = others[3, 1] = cells[2, 3]
+    cells[0, 1] = cells[3, 2] = 10 * others[2, 0]  # of equals the first
     similarity = cells.reshape(24, 8) @ others.reshape(24, 8).T
     of_cells, of_others = matching._nearest(cells, others)
     assert_array_equal(of_cells, similarity.numpy().argmax(1))
