@@ -24,7 +24,7 @@ from decomotion.chance import generator
 from decomotion.clip import Clip
 from decomotion.config import load
 from decomotion.data.masks import evidence, labelling
-from decomotion.data.masks.auto import auto_masks
+from decomotion.data.masks.auto import moving_probability, rendered
 from decomotion.data.prepare import prepare_in_stages
 from harness.pictures import intersection_over_union
 
@@ -68,14 +68,15 @@ def main(dataset: str, truth: str, clips: str | None, preset: str, ablate: bool)
         prepared = prepare_in_stages(Clip(name, frames, 24.0), config, progress=False)
         pool = prepared.pool
 
-        linked = (frames, pool.points, pool.targets, pool.confidence, prepared.grid)
+        sides = frames.shape[1:3]
+        linked = (frames, pool.points, pool.targets, pool.confidence, prepared.grid, sides)
         begin = time.monotonic()
-        found = auto_masks(*linked, generator(0, "masks"))
+        found = rendered(moving_probability(*linked, generator(0, "masks")), sides)
         seconds = time.monotonic() - begin
         scores = [intersection_over_union(found, drawn[name])]
         for column in columns[1:]:
             with exchanged(*ABLATIONS[column]):
-                found = auto_masks(*linked, generator(0, "masks"))
+                found = rendered(moving_probability(*linked, generator(0, "masks")), sides)
                 scores.append(intersection_over_union(found, drawn[name]))
         table.append(scores)
         figures = " | ".join(f"{score:.3f}" for score in scores)

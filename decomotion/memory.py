@@ -7,9 +7,14 @@ takes longer than dense features need to be computed.
 from __future__ import annotations
 
 import ctypes
+import mmap
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _MMAP_MAX = -1, -3, -4
 """Of `mallopt`, from malloc.h."""
@@ -43,6 +48,18 @@ def give_back() -> None:
     libc = _glibc()
     if libc is not None:
         libc.malloc_trim(0)
+
+
+def forget(mapped: npt.NDArray[Any]) -> None:
+    """What an array maps of a file leaves the process's memory: it stays in the file, and is read when asked for.
+
+    Does nothing where the array, or what it is a part of, is not mapped.
+    """
+    part: Any = mapped
+    while isinstance(part, np.ndarray):
+        part = part.base
+    if isinstance(part, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        part.madvise(mmap.MADV_DONTNEED)
 
 
 def _glibc() -> ctypes.CDLL | None:

@@ -51,7 +51,8 @@ def homogeneous(matrix: Affine) -> Affine:
 def chain(
     points: npt.NDArray[np.float32],
     targets: Positions,
-    usable: npt.NDArray[np.bool_],
+    confidence: npt.NDArray[np.uint8],
+    counted: npt.NDArray[np.bool_],
     unit: float,
     similarity: bool = False,
     fallback: Affine | None = None,
@@ -61,7 +62,8 @@ def chain(
     Args:
         points: [frame, point, 2].
         targets: [frame, frame, point, 2], as in the pool.
-        usable: [frame, frame, point], the correspondences to fit to.
+        confidence: [frame, frame, point], as in the pool; 0: not to be fitted to.
+        counted: [frame, point], the points to fit to.
         unit: pixels of one unit, as in `fit_affine`.
         similarity: fit rotation, scale and shift only.
         fallback: [frame, 2, 3], maps to the middle frame to follow between frames that share no usable points;
@@ -73,7 +75,7 @@ def chain(
     for step in (1, -1):
         for frame in range(middle + step, frames if step > 0 else -1, step):
             previous = frame - step
-            use = usable[frame, previous]
+            use = (confidence[frame, previous] > 0) & counted[frame]
             to_previous = fit_affine(points[frame][use], targets[frame, previous][use], unit, similarity)
             if to_previous is None and fallback is not None:
                 to_previous = compose(invert(fallback[previous]), fallback[frame])

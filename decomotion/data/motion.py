@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.clip import Clip
 from decomotion.data import camera
-from decomotion.data.masks.auto import auto_masks
+from decomotion.data.masks.auto import moves_at, moving_probability
 from decomotion.data.pool import UNKNOWN_MOTION, Positions
+from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 
 def build_motion(
-    clip: Clip,
+    frames: AnyFrames | None,
+    sides: tuple[int, int],
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
     kind: str,
-    given: npt.NDArray[np.bool_] | None,
+    given: Iterable[npt.NDArray[np.bool_]] | None,
     random: np.random.Generator,
     progress: bool,
     folder: Path,
@@ -30,13 +32,14 @@ def build_motion(
     """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
 
     Args:
-        clip: the clip.
+        frames: [frame, h, w, 3], the clip's at any size; where `kind` is `auto`.
+        sides: height and width of the clip, in whose pixels positions are.
         points: [frame, point, 2], of which the first form the jittered grid.
         targets: [frame, frame, point, 2], where they lie in the other frames.
         confidence: [frame, frame, point].
         grid: rows and columns of the jittered grid.
         kind: `auto`; `none`, for which nothing is known; or a folder's name.
-        given: the user's masks [frame, H, W], where `kind` is a folder.
+        given: the user's masks [H, W], one a frame, where `kind` is a folder.
         random: draws the points that masks `auto` are found from.
         progress: show a progress bar.
         folder: of the stage.
@@ -45,23 +48,27 @@ def build_motion(
         moving = np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
     else:
         if given is None:
-            given = auto_masks(clip.frames, points, targets, confidence, grid, random, progress)
-        moving = moving_at(points, given)
-    of_scene, of_object = closed_form(clip, points, targets, confidence, moving)
+            assert frames is not None
+            linked = (points, targets, confidence, grid, sides)
+            probability = moving_probability(frames, *linked, random, progress)
+            at = (moves_at(values, xy, sides) for values, xy in zip(probability, points, strict=True))
+        else:
+            at = (read_at(mask, xy) for mask, xy in zip(given, points, strict=True))
+        moving = np.stack(list(at)).astype(np.uint8)
+    of_scene, of_object = closed_form(sides, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
     return {"moving": None if kind == "none" else float((moving == 1).mean())}
 
 
-def moving_at(points: npt.NDArray[np.float32], given: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-    """Masks [frame, H, W] read at points [frame, point, 2] in pixels: [frame, point], 1 on what moves."""
-    nearest = np.round(points).astype(np.int64)
-    frame = np.arange(len(points))[:, None]
-    return given[frame, nearest[..., 1], nearest[..., 0]].astype(np.uint8)
+def read_at(mask: npt.NDArray[np.bool_], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """[point]: a mask [H, W] at the pixels nearest to `xy` [point, 2]."""
+    x, y = np.round(xy).astype(np.int64).T
+    return mask[y, x]
 
 
 def closed_form(
-    clip: Clip,
+    sides: tuple[int, int],
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
@@ -71,13 +78,7 @@ def closed_form(
 
     Points of unknown motion count for both.
     """
-    usable = confidence > 0
-    length = unit(clip.height, clip.width)
-    of_scene = camera.chain(points, targets, usable & (moving != 1)[:, None], length)
-    of_object = camera.chain(
-        points, targets, usable & (moving != 0)[:, None], length, similarity=True, fallback=of_scene
-    )
-    return (
-        camera.to_normalised(of_scene, clip.height, clip.width),
-        camera.to_normalised(of_object, clip.height, clip.width),
-    )
+    length = unit(*sides)
+    of_scene = camera.chain(points, targets, confidence, moving != 1, length)
+    of_object = camera.chain(points, targets, confidence, moving != 0, length, similarity=True, fallback=of_scene)
+    return camera.to_normalised(of_scene, *sides), camera.to_normalised(of_object, *sides)

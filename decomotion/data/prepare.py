@@ -6,8 +6,9 @@ import hashlib
 import logging
 import math
 import os
+import time
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,13 @@ from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.cost import seconds_a_frame
-from decomotion.data.masks.folder import read_masks
+from decomotion.data.masks.folder import MaskFiles, read_masks
 from decomotion.data.motion import build_motion
-from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, open_pool
+from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool
+from decomotion.data.sampling import rescaled, sample_map
 from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
 from decomotion.data.timing import least_seconds
+from decomotion.data.working import build_frames, working_clip, working_side
 from decomotion.errors import SupervisionError
 from decomotion.memory import give_back
 
@@ -41,7 +44,7 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"links": 9, "features": 1, "filter": 1, "motion": 3}
+VERSIONS = {"frames": 1, "links": 10, "features": 2, "filter": 1, "motion": 4}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 
@@ -152,6 +155,13 @@ class _Work:
     # what the stages are made from
 
     @cached_property
+    def working(self) -> Clip:
+        """The clip at the size that preparation works at, on disk; made when the first stage asks for it."""
+        side = working_side(self.config.flow)
+        made = self.stage("frames", side=side).run(partial(self.build_frames, side), self.rebuild)
+        return working_clip(self.clip, made.folder)
+
+    @cached_property
     def estimator(self) -> FlowEstimator:
         return build_flow(self.config.flow, self.device)
 
@@ -160,7 +170,7 @@ class _Work:
         return build_features(self.config, self.device)
 
     @cached_property
-    def given_masks(self) -> npt.NDArray[np.bool_] | None:
+    def given_masks(self) -> MaskFiles | None:
         if self.config.masks in ("auto", "none"):
             return None
         return read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
@@ -265,7 +275,7 @@ class _Work:
             "motion",
             links=self.filter.key if self.filters_on else self.links.made,
             kind=kind,
-            given=None if given is None else hashlib.sha256(np.packbits(given).tobytes()).hexdigest(),
+            given=None if given is None else given.digest,
         )
 
     def digest_of_flow(self) -> str | None:
@@ -279,23 +289,30 @@ class _Work:
 
     # how each is made
 
+    def build_frames(self, side: int, folder: Path) -> dict[str, Any]:
+        return build_frames(self.clip, side, self.progress, folder)
+
     def build_links(self, folder: Path) -> dict[str, Any]:
-        random = generator(self.seed, "points")
-        given = (self.tracks, self.estimator, self.progress, folder)
-        return build_links(self.clip, self.config, self.count, self.seconds_after_links, random, *given)
+        begin, random = time.monotonic(), generator(self.seed, "points")
+        clips = self.clip, self.working
+        given = (self.tracks, self.estimator, self.progress, folder, time.monotonic() - begin)
+        return build_links(*clips, self.config, self.count, self.seconds_after_links, random, *given)
 
     def seconds_after_links(self, points: int) -> float:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""
-        frames, extractor, seconds = self.clip.frames, self.extractor, 0.0
+        frames, extractor, seconds = self.working.frames, self.extractor, 0.0
         if extractor is not None:
-            seconds += least_seconds(lambda: extractor(frames[0]))
+            sides = (self.working.height, self.working.width)
+            where = jittered_grid(1, *sides, points, generator(self.seed, "cost"))[0]
+            seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if self.config.masks == "auto":
             seconds += seconds_a_frame(frames, points, generator(self.seed, "cost"))
         return len(frames) * seconds
 
     def build_features(self, folder: Path) -> dict[str, Any]:
-        points = np.load(self.links.folder / "points.npy")
-        return build_feature_arrays(self.clip, points, self.extractor, self.config.feature_size, self.progress, folder)
+        points, clip = np.load(self.links.folder / "points.npy"), self.working
+        points = rescaled(points, (self.clip.height, self.clip.width), (clip.height, clip.width))
+        return build_feature_arrays(clip, points, self.extractor, self.config.feature_size, self.progress, folder)
 
     def build_filter(self, folder: Path) -> dict[str, Any]:
         feature = np.load(self.features.folder / "feature.npy", mmap_mode="r")
@@ -308,7 +325,10 @@ class _Work:
         grid, given = (self.grid.rows, self.grid.columns), self.given_masks
         kind = self.config.masks
         random = generator(self.seed, "masks")
-        return build_motion(self.clip, points, targets, confidence, grid, kind, given, random, self.progress, folder)
+        linked = (points, targets, confidence, grid)
+        sides = (self.clip.height, self.clip.width)
+        frames = self.working.frames if kind == "auto" else None
+        return build_motion(frames, sides, *linked, kind, given, random, self.progress, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""

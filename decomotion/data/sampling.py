@@ -26,11 +26,17 @@ def bilinear(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
     return values.reshape(*xy.shape[:-1], -1)
 
 
+def rescaled(xy: npt.NDArray[np.float32], sides: tuple[int, int], others: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Positions [..., 2] in pixels of an image of that height and width, in those of a raster of the same image."""
+    scale = np.array([others[1] / sides[1], others[0] / sides[0]], np.float32)
+    return ((xy + np.float32(0.5)) * scale - np.float32(0.5)).astype(np.float32)
+
+
 def sample_map(
     image: npt.NDArray[np.float32], xy: npt.NDArray[np.float32], height: int, width: int
 ) -> npt.NDArray[np.float32]:
     """Values [point, c] of a map [h, w, c] that covers a frame of that size, at `xy` in the frame's pixels."""
-    where = (xy + 0.5) * np.array([image.shape[1] / width, image.shape[0] / height], np.float32) - 0.5
+    where = rescaled(xy, (height, width), (image.shape[0], image.shape[1]))
     parts = [
         np.ascontiguousarray(image[..., first : first + MOST_CHANNELS])
         for first in range(0, image.shape[-1], MOST_CHANNELS)

@@ -125,7 +125,8 @@ def test_supplied_files_are_such_as_preparation_takes(dataset: list[str], tmp_pa
     clip = clips.read_clips(truth, None, Path(masks))["sliding"]
     frames, height, width = clip.video.num_frames, clip.video.height, clip.video.width
     here = tmp_path / "out" / "sliding"
-    np.testing.assert_array_equal(read_masks(here / "masks", frames, height, width), clip.object_masks)
+    masks = list(read_masks(here / "masks", frames, height, width))
+    np.testing.assert_array_equal(masks, clip.object_masks)
     settings = f"{{kind: folder, path: '{here}/flow', field_side: 512, intervals: geometric, longest_interval: 8}}"
     flow = build_flow(configuration.load("cpu", overrides=(f"data.flow={settings}",)).data.flow)
     flow.require(pairs_of(tuple(gap for gap in supplied.GAPS if gap < frames), frames))

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,6 +43,9 @@ class Estimator:
     def __call__(self, first: Any, second: Any, pair: tuple[int, int], start: Any = None) -> Any:
         self.asked.append(pair)
 
+    def effort(self, gap: int) -> float:
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """All are there."""
 
@@ -57,9 +59,6 @@ class Matched(MatchStore):
         return self.lasting
 
 
-CLOCK = [0.0]
-
-
 class Flows(FlowStore):
     """Fields that last 2 seconds each; none is made."""
 
@@ -67,14 +66,14 @@ class Flows(FlowStore):
         return 2.0 * fields
 
     def compute(self, gaps: Sequence[int], progress: bool, only: slice = slice(None)) -> int:
-        fields = 2 * len(range(FRAMES - 1)[only])
-        CLOCK[0] += 2.0 * fields
-        return fields
+        return 2 * len(range(FRAMES - 1)[only])
+
+    def seconds_a_search(self) -> float:
+        return 2.0
 
 
 @pytest.fixture
 def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
-    monkeypatch.setattr(budget, "time", SimpleNamespace(monotonic=lambda: CLOCK[0]))
     monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: DEAR)
     matches = Matched(CLIP, MatchingConfig(intervals=(4,), supporters=10), tmp_path / "matches")
     return Flows(CLIP, Estimator(), matches, tmp_path / "flow")
@@ -118,7 +117,7 @@ def test_flow_has_its_share_and_points_fit_into_the_rest(
     flows: Flows, seconds: float, gaps: list[int], points: int, caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
     chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, seconds, tmp_path / "schedule.json")
-    assert chosen == {"intervals": gaps, "seconds_per_field": 2.0, "points": points, "thinned": points < 500}
+    assert chosen == {"intervals": gaps, "seconds_per_search": 2.0, "points": points, "thinned": points < 500}
     fewer = "" if len(gaps) == 3 else f"flow at gaps {', '.join(map(str, gaps))} of 1, 2, 4 and "
     told = f"{fewer}{points} of 500 points a frame: budget; for all, give a longer --prepare-budget or --time-budget"
     assert [record.getMessage() for record in caplog.records] == ([told] if points < 500 else [])
@@ -151,6 +150,17 @@ def test_what_linking_all_points_leaves_is_flow_s(
     cheap = HopCosts(flow=0.0001, match=0.0)
     chosen = scheduled(CLIP, settings(180.0), flows, 500, cheap, seconds, tmp_path / "schedule.json")
     assert (chosen["intervals"], chosen["points"], chosen["thinned"]) == (gaps, 500, gaps != [1, 2, 4])
+
+
+def test_fields_cost_what_their_gap_does(flows: Flows, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A search at gap 4 takes half, so that flow takes 60 seconds instead of 68; and neighbours are searched twice."""
+    monkeypatch.setattr(Estimator, "effort", lambda _, gap: 0.5 if gap == 4 else 1.0)
+    for number, (seconds, gaps) in enumerate([(100.1, [1, 2, 4]), (99.9, [1, 2])]):
+        file = tmp_path / f"{number}.json"
+        assert scheduled(CLIP, settings(180.0), flows, 500, DEAR, seconds, file)["intervals"] == gaps
+    flows.estimator.guided = True
+    flows.matches.gaps = [1, 4]
+    assert [flows.effort(gap) for gap in (1, 2, 4)] == [2.0, 1.0, 0.5]
 
 
 def test_what_was_chosen_stays(flows: Flows, tmp_path: Path) -> None:
@@ -197,7 +207,9 @@ class TestOfParts:
     def test_masks(self, frames: int, pairs: int, monkeypatch: pytest.MonkeyPatch) -> None:
         """A frame is compared with 8 on either side, or with as many as there are; a trial is of 6 pairs."""
         asked = []
-        monkeypatch.setattr(masks_cost, "auto_masks", lambda *arguments: asked.append([a.shape for a in arguments[:4]]))
+        monkeypatch.setattr(
+            masks_cost, "moving_probability", lambda *arguments: asked.append([a.shape for a in arguments[:4]])
+        )
         clip = np.zeros((frames, 28, 40, 3), np.uint8)
         seconds = masks_cost.seconds_a_frame(clip, 500, np.random.default_rng(3))
         some = min(3, frames)

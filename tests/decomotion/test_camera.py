@@ -12,6 +12,7 @@ from decomotion.geometry import ImagePlane
 
 FRAMES, POINTS, HEIGHT, WIDTH = 7, 100, 60, 90
 UNIT = WIDTH / 256
+EVERY = np.ones((FRAMES, POINTS), np.bool_)
 
 
 def apply(matrix: Affine, xy: npt.NDArray) -> npt.NDArray:
@@ -43,8 +44,8 @@ def correspondences(world: list[Affine], outliers: float = 0.0) -> tuple[npt.NDA
 def test_a_chain_of_affine_maps_is_recovered(motion, outliers: float):
     world = [motion(frame) for frame in range(FRAMES)]
     points, targets = correspondences(world, outliers)
-    usable = np.ones(targets.shape[:3], np.bool_)
-    maps = chain(points, targets, usable, UNIT, similarity=motion is similarity)
+    usable = np.ones(targets.shape[:3], np.uint8)
+    maps = chain(points, targets, usable, EVERY, UNIT, similarity=motion is similarity)
     corners = np.array([[0.0, 0.0], [WIDTH, 0.0], [0.0, HEIGHT], [WIDTH, HEIGHT]])
     for frame in range(FRAMES):
         to_middle = compose(invert(world[FRAMES // 2]), world[frame])
@@ -56,16 +57,17 @@ def test_a_chain_of_affine_maps_is_recovered(motion, outliers: float):
 def test_unusable_correspondences_are_not_looked_at():
     world = [similarity(frame) for frame in range(FRAMES)]
     points, targets = correspondences(world)
-    usable = np.random.default_rng(1).random(targets.shape[:3]) < 0.4
-    targets[~usable] = np.nan
-    maps = chain(points, targets, usable, UNIT)
+    random = np.random.default_rng(1)
+    confidence, counted = random.integers(0, 2, targets.shape[:3], np.uint8), random.random((FRAMES, POINTS)) < 0.8
+    targets[(confidence == 0) | ~counted[:, None]] = np.nan
+    maps = chain(points, targets, confidence, counted, UNIT)
     np.testing.assert_allclose(maps[0], compose(invert(world[FRAMES // 2]), world[0]), atol=1e-3)
 
 
 def test_the_middle_frame_stays():
     world = [sheared(frame) for frame in range(FRAMES)]
     points, targets = correspondences(world)
-    maps = chain(points, targets, np.ones(targets.shape[:3], np.bool_), UNIT)
+    maps = chain(points, targets, np.ones(targets.shape[:3], np.uint8), EVERY, UNIT)
     np.testing.assert_array_equal(maps[FRAMES // 2], np.eye(2, 3))
 
 
@@ -82,10 +84,10 @@ def test_few_points_give_a_shift_and_none_nothing():
 def test_without_points_a_chain_follows_the_fallback_or_stands_still():
     world = [similarity(frame) for frame in range(FRAMES)]
     points, targets = correspondences(world)
-    nothing = np.zeros(targets.shape[:3], np.bool_)
-    np.testing.assert_array_equal(chain(points, targets, nothing, UNIT), np.tile(np.eye(2, 3), (FRAMES, 1, 1)))
-    fallback = chain(points, targets, ~nothing, UNIT)
-    np.testing.assert_allclose(chain(points, targets, nothing, UNIT, fallback=fallback), fallback, atol=1e-9)
+    nothing = np.zeros(targets.shape[:3], np.uint8)
+    np.testing.assert_array_equal(chain(points, targets, nothing, EVERY, UNIT), np.tile(np.eye(2, 3), (FRAMES, 1, 1)))
+    fallback = chain(points, targets, nothing + np.uint8(1), EVERY, UNIT)
+    np.testing.assert_allclose(chain(points, targets, nothing, EVERY, UNIT, fallback=fallback), fallback, atol=1e-9)
 
 
 def test_compose_and_invert():

@@ -21,11 +21,11 @@ def test_hops_are_those_of_linking(
     """Of 5 points of each frame, linked both ways; linking asks for gap 1, too, where it is not among them."""
     carried, hop = [], linking._hop
 
-    def counted(state: linking._State, *arguments: object) -> linking._State:
+    def counted(best: linking._State, start: linking._State, *arguments: object) -> None:
         gap = arguments[2]
         if gap in gaps:
-            carried.append(state.variance.size)
-        return hop(state, *arguments)  # type: ignore[arg-type]
+            carried.append(start.variance.size)
+        hop(best, start, *arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(linking, "_hop", counted)
     points, still = np.full((frames, 5, 2), 3, np.float32), np.zeros((6, 8, 2), np.float32)
@@ -72,18 +72,18 @@ def test_the_cost_is_that_of_one_hop_of_one_point(points: int, monkeypatch: pyte
 def test_a_trial_loses_points_and_finds_some_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """In clips of several hundred frames three of a hundred hops by matches are registered."""
     registered, carried = [], []
-    refine, hop = Refiner.__call__, linking._match_hop
+    refine, find = Refiner.__call__, linking._find_again
 
     def counted(self: Refiner, first: int, second: int, xy: np.ndarray, *rest: object) -> np.ndarray:
         registered.append(len(xy))
         return refine(self, first, second, xy, *rest)  # type: ignore[arg-type]
 
-    def counted_hop(state: linking._State, *rest: object) -> linking._State:
-        carried.append(state.variance.size)
-        return hop(state, *rest)  # type: ignore[arg-type]
+    def counted_hops(best: linking._State, starts: list[tuple[int, linking._State]], *rest: object) -> None:
+        carried.extend(start.variance.size for _, start in starts)
+        find(best, starts, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Refiner, "__call__", counted)
-    monkeypatch.setattr(linking, "_match_hop", counted_hop)
+    monkeypatch.setattr(linking, "_find_again", counted_hops)
     hop_costs(sliding_square(), (WIDTH, HEIGHT), 400)
     assert 0.01 < sum(registered) / sum(carried) < 0.06
 

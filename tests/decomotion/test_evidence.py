@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ def test_units_cover_the_same_area():
         evidence.to_units(np.array([[-0.5, 511.5], [255.5, 0.0]], np.float32), 512, 256),
         [[-0.5, 255.5], [127.5, -0.25]],
     )
-    assert evidence.in_units(np.zeros((2, 64, 128, 3), np.uint8)).shape == (2, 128, 256, 3)
+    assert evidence.in_units(np.zeros((64, 128, 3), np.uint8)).shape == (128, 256, 3)
 
 
 def test_transfer_distance():
@@ -56,6 +57,31 @@ def test_combined_is_a_geometric_mean():
     # 4 x 0.5 and 8: 4; the noise is 0.05
     np.testing.assert_allclose(result, [4.06, (8.05 * 0.05) ** 0.5], rtol=0.01)
     assert np.isnan(evidence.combined(np.array([np.nan], np.float32), np.array([1.0], np.float32), 0.5)).all()
+
+
+def test_the_camera_s_way_back():
+    random = np.random.default_rng(2)
+    homography = np.array([[1.1, 0.05, 4.0], [-0.03, 0.95, -2.0], [1e-4, 0.0, 1.0]])
+    camera = evidence._Camera(homography, random.normal(size=(3, 3)))
+    back = evidence.inverse(camera)
+    assert back is not None
+    assert back.fundamental is not None
+    source, target = random.uniform(0, 200, (2, 30, 2)).astype(np.float32)
+    there = cv2.perspectiveTransform(source[None], homography)[0]
+    np.testing.assert_allclose(evidence.transfer_distance(back.homography, there, source), 0, atol=1e-3)
+    np.testing.assert_allclose(
+        evidence.sampson_distance(back.fundamental, target, source),
+        evidence.sampson_distance(camera.fundamental, source, target),  # type: ignore[arg-type]
+        rtol=1e-4,
+    )
+    assert evidence.inverse(None) is None
+
+
+def test_points_are_drawn_by_their_weight():
+    """One point in four weighs three times as much as the others: at first half of those drawn are such."""
+    weight = np.where(np.arange(10**5) % 4 == 0, 3.0, 1.0)
+    drawn = evidence.draw(weight, np.random.default_rng(0))
+    assert (drawn % 4 == 0).mean() == pytest.approx(0.5, abs=0.05)
 
 
 def test_drawn_points_are_few_distinct_and_allowed():

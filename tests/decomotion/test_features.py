@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 import torch
+from kornia.feature import DenseSIFTDescriptor
 
 from decomotion.clip import Clip
 from decomotion.config import load
@@ -76,6 +78,19 @@ class TestDenseSift:
         shrink = min(1, FEATURE_SIDE / width)
         assert described.shape == (round(height * shrink), round(width * shrink), 128)
         np.testing.assert_allclose(np.linalg.norm(described, axis=-1), 1, atol=1e-3)
+
+    def test_is_kornia_s(self):
+        """Which is centred between pixels, so that its mean over four of them is compared; its channels begin with the
+        orientation."""
+        noise = np.random.default_rng(0).integers(0, 256, (12, 18, 3), dtype=np.uint8)
+        frame = cv2.resize(noise, (90, 60), interpolation=cv2.INTER_CUBIC)
+        grey = torch.from_numpy(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)).float()[None, None] / 255
+        between = torch.nn.functional.avg_pool2d(DenseSIFTDescriptor(padding=6)(grey), 2, stride=1)
+        true = torch.nn.functional.normalize(between, dim=1)[0].permute(1, 2, 0).reshape(60, 90, 8, 16)
+        by_cell = true.transpose(2, 3).reshape(60, 90, 128).detach().numpy()
+        cosine = (DenseSift()(np.asarray(frame, np.uint8)) * by_cell).sum(axis=-1)
+        assert cosine[8:-8, 8:-8].min() > 0.98
+        assert np.median(cosine) > 0.995
 
     @pytest.mark.parametrize("spot", [(20, 12), (44, 30), (33, 24)])
     @pytest.mark.parametrize("enlarged", [1, 4])

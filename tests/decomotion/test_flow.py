@@ -14,10 +14,11 @@ from torch import Tensor
 
 from decomotion.config import load
 from decomotion.data.flow import build_flow
+from decomotion.data.flow import dis as dis_module
 from decomotion.data.flow.config import DisFlowConfig, FlowConfig, RaftFlowConfig
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.flow.folder import FolderFlow
-from decomotion.data.flow.interface import enlarged, to_raster
+from decomotion.data.flow.interface import enlarged, resized, to_raster
 from decomotion.data.flow.raft import RaftFlow, from_princeton, load_raft
 from decomotion.errors import ConfigError, SupervisionError
 
@@ -42,6 +43,19 @@ def raft(weights: Path | None, kind: str = "raft-small", **changes: float) -> Ra
     config = load("cpu", flow=kind).data.flow
     assert isinstance(config, RaftFlowConfig)
     return config.model_copy(update={"weights": None if weights is None else str(weights), "iterations": 12, **changes})
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("gap", "part"), [(3, 1), (7, 1), (8, 2), (9, 2)])
+def test_frames_far_apart_are_compared_at_half_the_size(gap: int, part: int, way: int, monkeypatch: pytest.MonkeyPatch):
+    """Of 90 x 60 pixels, enlarged to 160 at most; the field has the frames' raster and finds what moved."""
+    estimate, compared = DisFlow(dis(max_side=160)), []
+    monkeypatch.setattr(dis_module, "resized", lambda frame, size: compared.append(size) or resized(frame, size))
+    field = estimate(*shifted_texture(60, 90), pair=(20, 20 + way * gap))
+    assert compared == [(160 // part, round(60 * 160 / 90 / part))] * 2
+    assert estimate.effort(gap) == 1 / part**2
+    assert field.shape == (60, 90, 2)
+    np.testing.assert_allclose(np.median(field, axis=(0, 1)), SHIFT, atol=0.1)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import torch
 from decomotion.clip import Clip
 from decomotion.data.flow.interface import Flow, Frame
 from decomotion.data.links.config import MatchingConfig
-from decomotion.data.links.flow_store import FlowStore, nearer, smooth, threads
+from decomotion.data.links.flow_store import FlowStore, doubtful, nearer, smooth, threads
 from decomotion.data.links.matching import Matches, MatchStore
 
 FRAMES, SIZE = 7, 32
@@ -39,6 +39,9 @@ class Searcher:
         reached = np.linalg.norm(true - (0 if begin is None else begin)) < self.REACH
         return flow(true if reached else SPEED * 0 + (5 if pair[1] > pair[0] else 0))  # not its own way back
 
+    def effort(self, gap: int) -> float:
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """Any."""
 
@@ -58,6 +61,56 @@ def test_long_gaps_start_at_the_short_ones(clip: Clip, tmp_path: Path) -> None:
     assert found.compute((1, 2, 5), progress=False) == 2 * (6 + 5 + 2)
     for first, second in [(0, 1), (3, 1), (0, 5), (6, 1)]:
         np.testing.assert_allclose(found(first, second), flow(SPEED * (second - first)), atol=0.01)
+
+
+def test_long_gaps_are_searched_once_and_neighbours_a_second_time_where_it_may_help(
+    clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first search finds what goes from frame 0 to 1, but not from 1 to 2; the matches lead from 2 to 3 where the
+    first search did."""
+    answers = {(0, 1): SPEED, (1, 0): -SPEED}
+
+    class Some(Searcher):
+        def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
+            self.asked.append((pair, None if start is None else float(start[..., 0].mean())))
+            return flow(answers.get(pair, SPEED * 0 + 5))
+
+    estimator = Some()
+    found = fields(clip, tmp_path / "flow", estimator, intervals=(1,))
+    everywhere = np.ones((SIZE // 4, SIZE // 4), bool)
+
+    def matched(_: MatchStore, first: int, second: int) -> Matches:
+        away = flow(5 if {first, second} == {2, 3} else SPEED * (second - first))
+        return Matches(away[::4, ::4] / np.float32(4), everywhere)
+
+    monkeypatch.setattr(MatchStore, "__call__", matched)
+    found.compute((1, 2), progress=False)
+    searches = [pair for pair, _ in estimator.asked]
+    assert [searches.count(pair) for pair in ((0, 1), (1, 2), (2, 3))] == [1, 2, 1]
+    assert all(searches.count((first, first + 2)) == 1 for first in range(FRAMES - 2))
+    assert all(start is not None for (first, second), start in estimator.asked if abs(first - second) == 2)
+
+
+@pytest.mark.parametrize("way", [0, 1])
+@pytest.mark.parametrize(
+    ("share", "missed", "away", "expected"),
+    [
+        (0.1, 0.2, 1.2, True),
+        (0.1, 0.05, 1.2, False),  # it returns
+        (0.1, 0.2, 0.8, False),  # the start is not elsewhere
+        (0.005, 0.2, 1.2, False),  # hardly a pixel
+    ],
+)
+def test_what_is_doubted(way: int, share: float, missed: float, away: float, expected: bool) -> None:
+    """Lengths in units, of 0.75 pixels here."""
+    height, width = 100, 192
+    both = np.zeros((2, height, width, 2), np.float32)
+    starts = both.copy()
+    rows = slice(0, round(share * 2 * height))
+    both[1 - way, rows, : width // 2] = (0, 0.75 * missed)
+    starts[way, rows, : width // 2] = (0.75 * away, 0)
+    starts[1 - way] = both[1 - way]
+    assert doubtful((both[0], both[1]), (starts[0], starts[1])) == expected
 
 
 def test_without_a_start_what_moves_far_is_lost(clip: Clip, tmp_path: Path) -> None:

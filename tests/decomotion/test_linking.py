@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 
+from decomotion.data.links import linking
 from decomotion.data.links.linking import Flow, FlowLookup, Links, Rematching, cycle_error, link, outside
 from decomotion.data.links.matching import Matches
 
@@ -257,6 +259,37 @@ def test_a_match_that_is_not_trusted_is_hidden_too():
     # both are hidden: the cheaper one, 0.3 against 0.013 + 0.3 * (2 * 2^0.5 * 1.6)^2 = 6.16
     assert links.xy[0, 0].tolist() == [40, 46.25]
     assert links.occluded.all()
+
+
+@both_ways
+def test_points_are_carried_some_at_a_time(step: int, monkeypatch: pytest.MonkeyPatch):
+    """In parts that divide neither frames nor points, gathered or not, with what is found again and refined."""
+    random = np.random.default_rng(0)
+    away = random.normal(0, 3, (FRAMES, FRAMES, 6, 8, 2)).astype(np.float32)
+    points = random.uniform((0, 0), (WIDTH - 1, HEIGHT - 1), (FRAMES, POINTS, 2)).astype(np.float32)
+    cells = random.normal(0, 0.5, (FRAMES, FRAMES, 3, 4, 2)).astype(np.float32)
+
+    def field(first: int, second: int) -> Flow:
+        return cv2.resize(away[first, second] * (0.1 if abs(first - second) == 1 else 1), (WIDTH, HEIGHT))
+
+    def linked() -> list[Links]:
+        again = Rematching(
+            lambda first, second: Matches(cells[first, second], cells[first, second, ..., 0] > 0),
+            (2, 3),
+            lambda first, second, xy, found, _: (0.9 * found + 0.1 * xy + first - second).astype(np.float32),
+        )
+        return list(link(points, field, (1, 2, 4), THRESHOLD, 6, step, again))
+
+    whole = linked()
+    assert 0.1 < np.mean([links.occluded.mean() for links in whole]) < 0.9
+    for most in (0.0, 1.1):
+        monkeypatch.setattr(linking, "AT_ONCE", 7)
+        monkeypatch.setattr(linking, "MOST", most)
+        for links, expected in zip(linked(), whole, strict=True):
+            np.testing.assert_array_equal(links.sources, expected.sources)
+            np.testing.assert_allclose(links.xy, expected.xy, atol=1e-4)
+            np.testing.assert_allclose(links.variance, expected.variance, rtol=1e-5)
+            np.testing.assert_array_equal(links.occluded, expected.occluded)
 
 
 @pytest.mark.parametrize(("missed", "long_hop"), [(4.4, False), (4.5, True)])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from decomotion.data.masks.auto import auto_masks
+from decomotion.data.masks.auto import moves_at, moving_probability, rendered
 from decomotion.data.masks.folder import read_masks
 from decomotion.data.pool import grid_shape, jittered_grid
 from decomotion.errors import SupervisionError
@@ -82,7 +82,8 @@ def _drawn(texture: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 def masks_of(frames: np.ndarray, points: np.ndarray, targets: np.ndarray, confidence: np.ndarray) -> np.ndarray:
-    return auto_masks(frames, points, targets, confidence, grid_shape(HEIGHT, WIDTH, COUNT), np.random.default_rng(0))
+    linked, sides = (points, targets, confidence, grid_shape(HEIGHT, WIDTH, COUNT)), (HEIGHT, WIDTH)
+    return rendered(moving_probability(frames, *linked, sides, np.random.default_rng(0)), sides)
 
 
 @pytest.mark.parametrize("camera", [pan, zoom, stand])
@@ -152,6 +153,19 @@ def test_the_same_again():
     np.testing.assert_array_equal(masks_of(*contents), masks_of(*contents))
 
 
+def test_points_are_told_as_masks_are_drawn():
+    """But for those within a pixel of an outline, which is drawn in whole pixels."""
+    random = np.random.default_rng(0)
+    probability, sides = random.random((1, 6, 10), dtype=np.float32), (60, 80)
+    xy = random.uniform((0, 0), (79, 59), (500, 2)).astype(np.float32)
+    x, y = np.round(xy).astype(int).T
+    drawn = rendered(probability, sides)[0]
+    plain = cv2.blur(drawn.astype(np.float32), (3, 3))[y, x]
+    inside = (plain < 0.01) | (plain > 0.99)
+    assert inside.mean() > 0.5
+    np.testing.assert_array_equal(moves_at(probability[0], xy, sides)[inside], drawn[y, x][inside])
+
+
 def write(folder: Path, masks: dict[str, np.ndarray]) -> Path:
     folder.mkdir(exist_ok=True)
     for name, mask in masks.items():
@@ -166,31 +180,35 @@ def blank(*spots: tuple[int, int], height: int = 4, width: int = 6) -> np.ndarra
     return mask
 
 
+def read(folder: Path, frames: int, height: int, width: int) -> np.ndarray:
+    return np.stack(list(read_masks(folder, frames, height, width)))
+
+
 class TestRead:
     def test_any_pixel_that_is_not_black_moves(self, tmp_path: Path):
-        masks = read_masks(write(tmp_path, {"0.png": blank((1, 2)), "1.png": blank()}), 2, 4, 6)
+        masks = read(write(tmp_path, {"0.png": blank((1, 2)), "1.png": blank()}), 2, 4, 6)
         assert masks.dtype == np.bool_
         assert np.argwhere(masks).tolist() == [[0, 1, 2]]
 
     def test_natural_order(self, tmp_path: Path):
         names = ("frame10.png", "frame9.png", "frame1.png")
         write(tmp_path, {name: blank((0, index)) for index, name in enumerate(names)})
-        assert np.argwhere(read_masks(tmp_path, 3, 4, 6))[:, 2].tolist() == [2, 1, 0]
+        assert np.argwhere(read(tmp_path, 3, 4, 6))[:, 2].tolist() == [2, 1, 0]
 
     def test_names_that_clips_may_have_too(self, tmp_path: Path):
         write(tmp_path, {"2²1.png": blank((0, 0)), "2²2.png": blank((0, 1))})
         (tmp_path / "._2²1.png").write_bytes(b"what macOS leaves beside a copied file")
-        assert np.argwhere(read_masks(tmp_path, 2, 4, 6))[:, 2].tolist() == [0, 1]
+        assert np.argwhere(read(tmp_path, 2, 4, 6))[:, 2].tolist() == [0, 1]
 
     def test_grey_images(self, tmp_path: Path):
         write(tmp_path, {"0.png": blank((3, 5)).max(axis=-1)})
-        assert read_masks(tmp_path, 1, 4, 6).sum() == 1
+        assert read(tmp_path, 1, 4, 6).sum() == 1
 
     def test_labels_of_16_bits(self, tmp_path: Path):
         labels = np.zeros((4, 6), np.uint16)
         labels[2, 3] = 1
         cv2.imwrite(str(tmp_path / "0.png"), labels)
-        assert np.argwhere(read_masks(tmp_path, 1, 4, 6)[0]).tolist() == [[2, 3]]
+        assert np.argwhere(read(tmp_path, 1, 4, 6)[0]).tolist() == [[2, 3]]
 
     def test_palettes_as_of_davis(self, tmp_path: Path):
         drawn = np.zeros((4, 6), np.uint8)
@@ -198,34 +216,34 @@ class TestRead:
         image = Image.fromarray(drawn, mode="P")
         image.putpalette([0, 0, 0, 128, 0, 0, 0, 128, 0])
         image.save(tmp_path / "0.png")
-        np.testing.assert_array_equal(read_masks(tmp_path, 1, 4, 6)[0], drawn > 0)
+        np.testing.assert_array_equal(read(tmp_path, 1, 4, 6)[0], drawn > 0)
 
     def test_the_ringing_of_a_jpeg_is_black(self, tmp_path: Path):
         drawn = np.zeros((32, 32), np.uint8)
         drawn[8:21, 11:24] = 255
         cv2.imwrite(str(tmp_path / "0.jpg"), drawn, [cv2.IMWRITE_JPEG_QUALITY, 70])
-        np.testing.assert_array_equal(read_masks(tmp_path, 1, 32, 32)[0], drawn > 0)
+        np.testing.assert_array_equal(read(tmp_path, 1, 32, 32)[0], drawn > 0)
 
     def test_masks_that_are_all_black_are_said(self, tmp_path: Path, caplog: pytest.LogCaptureFixture):
         write(tmp_path, {"0.png": np.zeros((4, 6, 3), np.uint8), "1.png": np.zeros((4, 6, 3), np.uint8)})
-        assert not read_masks(tmp_path, 2, 4, 6).any()
+        assert not read(tmp_path, 2, 4, 6).any()
         assert "are black: nothing moves" in caplog.text
 
     def test_absent(self, tmp_path: Path):
         with pytest.raises(SupervisionError, match="nowhere does not exist"):
-            read_masks(tmp_path / "nowhere", 2, 4, 6)
+            read(tmp_path / "nowhere", 2, 4, 6)
 
     def test_another_number(self, tmp_path: Path):
         with pytest.raises(SupervisionError, match="has 1 images but the clip has 2 frames"):
-            read_masks(write(tmp_path, {"0.png": blank()}), 2, 4, 6)
+            read(write(tmp_path, {"0.png": blank()}), 2, 4, 6)
 
     def test_another_size_is_named(self, tmp_path: Path):
         write(tmp_path, {"0.png": blank(), "1.png": blank(height=5)})
         with pytest.raises(SupervisionError, match=r"1\.png is 6x5 but the clip is 6x4"):
-            read_masks(tmp_path, 2, 4, 6)
+            read(tmp_path, 2, 4, 6)
 
     def test_undecodable_is_named(self, tmp_path: Path):
         write(tmp_path, {"0.png": blank()})
         (tmp_path / "1.png").write_bytes(b"no image")
         with pytest.raises(SupervisionError, match=r"1\.png does not decode"):
-            read_masks(tmp_path, 2, 4, 6)
+            read(tmp_path, 2, 4, 6)

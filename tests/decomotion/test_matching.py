@@ -147,6 +147,36 @@ def test_a_match_is_refined_where_it_is_taken_and_seen() -> None:
     assert_allclose(links.xy[0, :2], [[6.25, 3.25], [25.0, 9.0]])
 
 
+def test_a_point_is_refined_once_where_it_is_found_at_last() -> None:
+    """Matches over two frames cost what those over three do; of equals the nearer one stays."""
+    points, asked = np.full((4, 1, 2), 8.0, np.float32), []
+    matches = Matches(np.zeros((4, 4, 2), np.float32), np.ones((4, 4), bool))
+
+    def lost(source: int, target: int) -> np.ndarray:
+        return np.full((16, 16, 2), 3.0 if target > source else 4.0, np.float32)
+
+    def refine(first: int, second: int, xy: np.ndarray, found: np.ndarray, _: tuple[int, ...]) -> np.ndarray:
+        if len(xy):
+            asked.append((first, second))
+        return found + np.float32(0.5)
+
+    *_, last = link(points, lost, (1,), 1.0, 10, 1, Rematching(lambda *_: matches, (2, 3), refine))
+    assert last.xy[0, 0].tolist() == [8.5, 8.5]
+    assert asked.count((0, 3)) == 1
+
+
+@pytest.mark.parametrize("block", [5, 256])
+def test_the_nearest_of_both_sides(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matching, "BLOCK", block)
+    cells, others = torch.randn(2, 4, 6, 8, generator=torch.Generator().manual_seed(0))
+    others[1, 2] = others[3, 1] = cells[2, 3]
+    cells[0, 1] = cells[3, 2] = 10 * others[2, 0]  # of equals the first
+    similarity = cells.reshape(24, 8) @ others.reshape(24, 8).T
+    of_cells, of_others = matching._nearest(cells, others)
+    assert_array_equal(of_cells, similarity.numpy().argmax(1))
+    assert_array_equal(of_others, similarity.numpy().argmax(0))
+
+
 @pytest.mark.parametrize(
     ("intervals", "neighbours", "gaps"), [((2,), True, [1, 2]), ((2,), False, [2]), ((), True, [])]
 )
@@ -226,7 +256,7 @@ def test_descriptors_are_squares_of_a_frame_of_256() -> None:
 
 @pytest.mark.parametrize(("frames", "sampled"), [(3, [0]), (9, [0, 4, 8]), (40, [0, 5, 10, 15, 20, 25, 30, 35])])
 def test_the_reduction_is_of_every_fourth_frame_and_of_eight_at_most(
-    frames: int, sampled: list[int], monkeypatch: pytest.MonkeyPatch
+    frames: int, sampled: list[int], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def described(frame: np.ndarray, _: object) -> np.ndarray:
         return np.full((4, 6, 5), frame.flat[0], np.float32)
@@ -241,7 +271,7 @@ def test_the_reduction_is_of_every_fourth_frame_and_of_eight_at_most(
     monkeypatch.setattr(matching, "_describe", described)
     monkeypatch.setattr(matching, "fit_reduction", fit)
     clip = clip_of(*(np.full((8, 12, 3), number, np.uint8) for number in range(frames)))
-    maps = matching.describe(clip)
+    maps = matching.describe(clip, tmp_path / "described.npy")
     assert seen == [sampled]
     assert maps.shape == (frames, 4, 6, 64)
     assert_array_equal(maps[:, 0, 0, 0], np.arange(frames))

@@ -4,10 +4,11 @@ import platform
 import resource
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from decomotion.memory import kept_memory
+from decomotion.memory import forget, kept_memory
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc's allocator")
 
@@ -54,6 +55,16 @@ def test_memory_is_returned_afterwards() -> None:
     with kept_memory():
         work()
     assert resident_pages() < before + PAGES
+
+
+def test_what_is_mapped_is_forgotten_and_read_again(tmp_path: Path) -> None:
+    mapped = np.lib.format.open_memmap(tmp_path / "mapped.npy", mode="w+", dtype=np.uint8, shape=(4, LARGE // 4))
+    mapped[:] = 7
+    before = resident_pages()
+    forget(mapped[1:, ::2])  # a part stands for all
+    assert resident_pages() < before - 0.9 * PAGES
+    assert (mapped[:, :: LARGE // 64] == 7).all()
+    forget(np.zeros(3))
 
 
 def test_memory_is_returned_after_a_failure() -> None:

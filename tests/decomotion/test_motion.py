@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomotion.clip import Clip
-from decomotion.data.motion import build_motion, closed_form, moving_at
+from decomotion.data.motion import build_motion, closed_form, read_at
 
 FRAMES, HEIGHT, WIDTH = 5, 40, 64
-CLIP = Clip("still", np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8), 24.0)
 SCENE, OBJECT = np.array([1.0, -0.5]), np.array([-2.0, 1.5])
 """Pixels a frame."""
 
@@ -37,7 +35,7 @@ def shifts(maps: np.ndarray) -> np.ndarray:
 
 
 def test_scene_and_object_have_their_own_motion_to_the_middle_frame():
-    of_scene, of_object = closed_form(CLIP, *moved())
+    of_scene, of_object = closed_form((HEIGHT, WIDTH), *moved())
     gap = (FRAMES // 2 - np.arange(FRAMES))[:, None]
     np.testing.assert_allclose(shifts(of_scene), gap * SCENE, atol=1e-3)
     np.testing.assert_allclose(shifts(of_object), gap * OBJECT, atol=1e-3)
@@ -47,7 +45,7 @@ def test_scene_and_object_have_their_own_motion_to_the_middle_frame():
 def test_where_no_object_is_seen_it_moves_as_the_scene_and_a_scene_that_is_not_seen_stands(everywhere: int):
     points, targets, confidence, moving = moved()
     confidence[:, :, moving[0] != everywhere] = 0
-    of_scene, of_object = closed_form(CLIP, points, targets, confidence, np.full_like(moving, everywhere))
+    of_scene, of_object = closed_form((HEIGHT, WIDTH), points, targets, confidence, np.full_like(moving, everywhere))
     gap = (FRAMES // 2 - np.arange(FRAMES))[:, None]
     np.testing.assert_allclose(shifts(of_scene), gap * (SCENE if everywhere == 0 else 0 * SCENE), atol=1e-3)
     np.testing.assert_allclose(shifts(of_object), gap * (SCENE if everywhere == 0 else OBJECT), atol=1e-3)
@@ -56,7 +54,7 @@ def test_where_no_object_is_seen_it_moves_as_the_scene_and_a_scene_that_is_not_s
 def test_unknown_motion_counts_for_both():
     points, targets, confidence, moving = moved()
     confidence[:, :, moving[0] == 1] = 0
-    of_scene, of_object = closed_form(CLIP, points, targets, confidence, np.full_like(moving, 2))
+    of_scene, of_object = closed_form((HEIGHT, WIDTH), points, targets, confidence, np.full_like(moving, 2))
     np.testing.assert_allclose(shifts(of_object), shifts(of_scene), atol=1e-3)
     np.testing.assert_allclose(shifts(of_scene)[0], 2 * SCENE, atol=1e-3)
 
@@ -65,7 +63,7 @@ def test_masks_are_read_at_the_nearest_pixel():
     masks = np.zeros((2, 4, 6), np.bool_)
     masks[0, 1, 4] = masks[1, 3, 0] = True
     points = np.array([[[4.4, 0.6], [3.4, 1.0], [4.0, 1.6]], [[0.2, 2.7], [0.6, 3.0], [4.0, 1.0]]], np.float32)
-    assert moving_at(points, masks).tolist() == [[1, 0, 0], [1, 0, 0]]
+    assert [read_at(*both).tolist() for both in zip(masks, points, strict=True)] == [[True, False, False]] * 2
 
 
 @pytest.mark.parametrize(("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.75)])
@@ -74,7 +72,8 @@ def test_what_the_stage_leaves(kind: str, values: set[int], share: float | None,
     points[..., 0] = np.where(np.arange(60) < 15, 8, 50)
     masks = None if kind == "none" else np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH))
     random = np.random.default_rng(0)
-    facts = build_motion(CLIP, points, targets, confidence, (6, 10), kind, masks, random, False, tmp_path)
+    linked = (points, targets, confidence, (6, 10))
+    facts = build_motion(None, (HEIGHT, WIDTH), *linked, kind, masks, random, False, tmp_path)
     assert facts == {"moving": share}
     assert set(np.unique(np.load(tmp_path / "moving.npy"))) == values
     assert np.load(tmp_path / "camera.npy").shape == np.load(tmp_path / "object.npy").shape == (FRAMES, 2, 3)

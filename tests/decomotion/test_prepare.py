@@ -20,12 +20,13 @@ from decomotion.data import prepare as preparation
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
-from decomotion.data.links import budget, costs
+from decomotion.data.links import budget, costs, flow_store
 from decomotion.data.links import stage as links_stage
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
+from decomotion.data.working import build_frames
 from decomotion.errors import SupervisionError
 from tiny_fit import FRAMES, HEIGHT, TINY, TINY_CPU, WIDTH, on_square, sliding_square, true_target, write_frames
 
@@ -212,13 +213,36 @@ class TestCache:
 
         def counted(stage: Stage, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
             def build_and_count(folder: Path) -> dict[str, Any]:
-                names.append(stage.name)
+                if stage.name != "frames":  # which all others may ask for
+                    names.append(stage.name)
                 return build(folder)
 
             return run(stage, build_and_count, rebuild)
 
         monkeypatch.setattr(Stage, "run", counted)
         return names
+
+    def test_frames_are_read_once_for_all_stages_and_for_none_that_are_there(
+        self, clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ):
+        monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
+        read = []
+
+        def counted(clip: Clip, *rest: Any) -> dict[str, Any]:
+            read.append(clip.name)
+            return build_frames(clip, *rest)
+
+        monkeypatch.setattr(preparation, "build_frames", counted)
+        prepare(clip, config(), progress=False)
+        assert len(read) == 1
+        prepare(clip, config("data.features=none"), progress=False)
+        assert len(read) == 1
+        prepare(clip, config(), rebuild=True, progress=False)
+        assert len(read) == 2
+        (frames,) = preparation.cache_root().glob("*/frames-*")
+        shutil.rmtree(frames)
+        prepare(clip, config(), progress=False)
+        assert len(read) == 2
 
     @pytest.fixture
     def few(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,7 +345,7 @@ class TestCache:
                 self, first: Frame, second: Frame, pair: tuple[int, int] = (0, 1), start: Flow | None = None
             ) -> Flow:
                 called.append(pair)
-                if len(called) == 40:
+                if len(called) == 24:
                     raise KeyboardInterrupt
                 return super().__call__(first, second, pair, start)
 
@@ -467,7 +491,7 @@ class TestCache:
             left.append(seconds)
             return wanted
 
-        for module in (links_stage, budget):
+        for module in (links_stage, flow_store, preparation):
             monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
         monkeypatch.setattr(links_stage, "MatchStore", Slow)
         monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 1.0)
@@ -476,7 +500,7 @@ class TestCache:
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
         links = prepare_in_stages(clip, settings, progress=False).stages[0]
         assert left == [67.0]
-        assert links.seconds == {"estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
+        assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
     def test_links_go_on_after_the_part_that_was_done(

@@ -37,5 +37,6 @@ def fit_reduction(features: npt.NDArray[np.floating], size: int) -> Reduction:
         return Reduction(np.zeros(channels, np.float32), None)
     sample = flat[:: max(1, len(flat) // SAMPLE)].astype(np.float32)
     mean = sample.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.cov(sample - mean, rowvar=False))
+    sample = sample - mean
+    _, vectors = np.linalg.eigh((sample.T @ sample).astype(np.float64))
     return Reduction(mean, np.ascontiguousarray(vectors[:, ::-1][:, :size], np.float32))

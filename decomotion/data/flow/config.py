@@ -45,6 +45,8 @@ class DisFlowConfig(FlowConfig):
     """Variational refinement iterations."""
     gradient_weight: float = Field(10.0, ge=0)
     """Weight of constant image gradients in the refinement, whose weight of constant brightness is 5 (OpenCV's: 10)."""
+    coarse_from: int = Field(8, ge=1)
+    """Frames this far apart or farther are compared at half the size: they differ in looks more than in fine detail."""
     guided: bool = True
     """Search a second time from matches or from the flow over shorter gaps, and keep what returns nearer."""
 

@@ -34,15 +34,23 @@ class DisFlow:
         self,
         first: Frame,
         second: Frame,
-        pair: tuple[int, int] = (0, 1),  # noqa: ARG002
+        pair: tuple[int, int] = (0, 1),
         start: Flow | None = None,
     ) -> Flow:
         """See `FlowEstimator`; the field's raster is that of the frames, limited to `field_side`."""
         height, width = first.shape[:2]
-        size = enlarged(height, width, self._config.upsample, self._config.max_side, MIN_SIDE)
+        part = self._reduced(abs(pair[1] - pair[0]))
+        size = enlarged(height, width, self._config.upsample / part, self._config.max_side // part, MIN_SIDE)
         begin = None if start is None else np.ascontiguousarray(to_raster(start, size))
         flow = self._dis(guided=start is not None).calc(_grey(first, size), _grey(second, size), begin)  # type: ignore[call-overload]
         return to_raster(np.asarray(flow, np.float32), kept(height, width, self._config.field_side))
+
+    def effort(self, gap: int) -> float:
+        """By the pixels that are searched."""
+        return 1 / self._reduced(gap) ** 2
+
+    def _reduced(self, gap: int) -> int:
+        return 2 if gap >= self._config.coarse_from else 1
 
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """It answers any pair."""

@@ -46,6 +46,10 @@ class FolderFlow:
             raise SupervisionError(f"--flow {self._folder} has no field {_stem(pair)}.npy or {_stem(pair)}.flo")
         return to_raster(read_field(file), kept(first.shape[0], first.shape[1], self._config.field_side))
 
+    def effort(self, gap: int) -> float:  # noqa: ARG002
+        """The same at any gap."""
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """Every pair has a file."""
         missing = [pair for pair in pairs if self._file(pair) is None]

@@ -36,6 +36,10 @@ class FlowEstimator(Protocol):
         """
         ...
 
+    def effort(self, gap: int) -> float:
+        """What a search between frames so far apart takes, as a share of what one between neighbours takes."""
+        ...
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """Raises `SupervisionError` where one of these pairs cannot be answered, before any long work."""
         ...
@@ -65,4 +69,4 @@ def to_raster(flow: Flow, size: Size) -> Flow:
         return flow.astype(np.float32)
     smaller = size[0] <= width and size[1] <= height
     resized = cv2.resize(flow, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
-    return (resized * np.array([size[0] / width, size[1] / height])).astype(np.float32)
+    return resized * np.array([size[0] / width, size[1] / height], np.float32)

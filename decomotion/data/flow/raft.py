@@ -68,6 +68,10 @@ class RaftFlow:
         flow = np.ascontiguousarray(inside.float().cpu().numpy())
         return to_raster(flow, kept(height, width, self._config.field_side))
 
+    def effort(self, gap: int) -> float:  # noqa: ARG002
+        """The same at any gap."""
+        return 1.0
+
     def require(self, pairs: list[tuple[int, int]]) -> None:
         """It answers any pair."""
 

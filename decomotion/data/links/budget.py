@@ -11,7 +11,6 @@ import json
 import logging
 import math
 import shutil
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from decomotion.errors import SupervisionError
 log = logging.getLogger(__name__)
 
 TRIALS = 3
-"""Of what a flow costs."""
+"""Of what a search for flow costs, for each that is made at a time."""
 FLOW_SHARE = 0.6
 """Share of the time for flow and linking that flow may take where there is not enough for all points."""
 PATIENCE = 60.0
@@ -72,27 +71,22 @@ def scheduled(
     seconds: float,
     file: Path,
 ) -> dict[str, Any]:
-    """The gaps at which flow is computed, what a flow costs, and how many points of each frame are linked.
+    """The gaps at which flow is computed, what a search for it costs, and how many points of each frame are linked.
 
-    From `file` where an earlier run has chosen already. The cost is the wall time of a flow, the least of three trials
-    on the first few, which are kept: other work on the machine makes trials dearer, never cheaper. `hop` is what
+    From `file` where an earlier run has chosen already. The cost is that of the first few fields, which are kept.
+    Between neighbours a second search may follow. `hop` is what
     carrying points costs, and `seconds` are left for flow and linking: gaps `geometric` and `all` depend on them, and
     so do the points then, of which there are at most `wanted`.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
     shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
-    together = at_once(flows.estimator)
-    trials = []
-    for trial in range(TRIALS):
-        begin = time.monotonic()
-        made = flows.compute((1,), progress=False, only=slice(trial * together, (trial + 1) * together))
-        trials += [(time.monotonic() - begin) / made] if made else []
-    cost = min(trials)
+    flows.compute((1,), progress=False, only=slice(TRIALS * at_once(flows.estimator)))
+    cost = flows.seconds_a_search()
     frames, max_gap = len(clip), config.pool.max_gap
 
     def flow(gaps: tuple[int, ...]) -> float:
-        return cost * count_fields(gaps, frames)
+        return cost * sum(flows.effort(gap) * count_fields((gap,), frames) for gap in gaps)
 
     def each(gaps: tuple[int, ...]) -> float:
         return 0.0 if hop is None else hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
@@ -109,7 +103,7 @@ def scheduled(
         log.warning("%s; for all, give a longer --prepare-budget or --time-budget", thinned)
     chosen = {
         "intervals": list(intervals),
-        "seconds_per_field": cost,
+        "seconds_per_search": cost,
         "points": points,
         "thinned": thinned is not None,
     }

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from decomotion.arrays import allocated_memmap
 from decomotion.data.links.config import FilterConfig
 from decomotion.data.pool import Positions
+from decomotion.memory import forget
 from decomotion.units import unit
 
 SECOND_LOOK_FROM = 1.5
@@ -125,5 +126,7 @@ def build_filtered(
             if j != i:
                 of_grid = (points[:, :on_grid], targets, confidence[..., :on_grid], feature[:, :on_grid])
                 kept[i, j, :on_grid] = filtered((i, j), *of_grid, grid, config)
+        forget(kept)
+        forget(confidence)
     kept.flush()
     return {"kept": float(np.mean([(kept[frame] > 0).mean() for frame in range(frames)]))}

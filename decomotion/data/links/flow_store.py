@@ -1,9 +1,10 @@
 """Flow fields at the scheduled gaps, on disk: both ways, the shorter gaps first.
 
-An estimator that searches from zero loses what moves far. One that can be given a start (`FlowEstimator.guided`) is
-therefore asked twice: from zero, and from where the pixels are already thought to be. Neighbouring frames start at
-matches by appearance, longer gaps at fields of shorter ones, one after the other. Pixel by pixel that answer stays
-which the way back brings nearer to where it began.
+An estimator that searches from zero loses what moves far. One that can be given a start (`FlowEstimator.guided`)
+searches from where the pixels are already thought to be. Longer gaps start at fields of shorter ones, one after the
+other. Neighbouring frames are searched from zero, and a second time from matches by appearance where the first answer
+does not return and the matches lead elsewhere; pixel by pixel that answer stays which the way back brings nearer to
+where it began.
 
 Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
 """
@@ -11,11 +12,12 @@ Fields are files `<first>_<second>.npy`, float16; a killed run's are found again
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -43,6 +45,12 @@ MARGIN = 0.1
 """The start has to bring the way back nearer by this much, in pixels of a frame whose longer side is 256."""
 
 
+ELSEWHERE = 1.0
+"""A start that is this far from an answer, in the same pixels, can lead to another one."""
+DOUBTED = 0.01
+"""Share of the pixels for which a second search is worth its time."""
+
+
 @dataclass(frozen=True)
 class FlowStore:
     """Fields on disk.
@@ -58,6 +66,8 @@ class FlowStore:
     estimator: FlowEstimator
     matches: MatchStore
     folder: Path
+    _took: list[float] = field(default_factory=list, init=False)
+    """Seconds of each search, of a field one way or the other."""
 
     @property
     def _files(self) -> PairFiles:
@@ -80,37 +90,52 @@ class FlowStore:
         return total
 
     def seconds(self, fields: int) -> float:
-        """What so many will take on this machine, about: by the time of the first."""
+        """What so many between neighbours will take on this machine, at most, by the time of the first."""
         first, second = self.clip.frames[:2]
         with _one_thread_each(self.estimator.concurrent):
             each = least_seconds(lambda: self.estimator(first, second, (0, 1)))
-        return fields * each * (1 + self.estimator.guided) / at_once(self.estimator)
+        return fields * each * self.effort(1) / at_once(self.estimator)
+
+    def seconds_a_search(self) -> float:
+        """What one has taken at the least, of those that were made, where as many are made at once as may be.
+
+        Other work on the machine makes some dearer, never cheaper.
+        """
+        return min(self._took) / at_once(self.estimator)
+
+    def effort(self, gap: int) -> float:
+        """What a field at that gap takes at most, in searches between neighbours, where a second one may follow."""
+        searches = 2 if self.estimator.guided and gap == 1 and gap in self.matches.gaps else 1
+        return searches * self.estimator.effort(gap)
 
     def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
         return self._files.read(first, second).astype(np.float32)
 
     def _make(self, couple: Couple, shorter: Sequence[int]) -> None:
-        both = self._ask(couple, (None, None))
-        if self.estimator.guided and (starts := self._starts(couple, shorter)) is not None:
-            both = nearer(both, self._ask(couple, starts))
+        guided = self.estimator.guided
+        if guided and shorter:
+            stops = _stops(*couple, shorter)
+            both = self._ask(couple, (self._chained(stops), self._chained(stops[::-1])))
+        else:
+            both = self._ask(couple, (None, None))
+            if guided and (starts := self._matched(couple)) is not None and doubtful(both, starts):
+                both = nearer(both, self._ask(couple, starts))
         for (first, second), flow in zip((couple, couple[::-1]), both, strict=True):
             self._files.write(first, second, flow.astype(np.float16))
 
     def _ask(self, couple: Couple, starts: tuple[Flow | None, Flow | None]) -> BothWays:
-        frames = self.clip.frames
+        frames, begin = self.clip.frames, time.monotonic()
         there, back = (
             self.estimator(frames[first], frames[second], (first, second), start)
             for (first, second), start in zip((couple, couple[::-1]), starts, strict=True)
         )
+        self._took.append((time.monotonic() - begin) / 2)
         return there, back
 
-    def _starts(self, couple: Couple, shorter: Sequence[int]) -> BothWays | None:
-        """Where pixels are thought to be, in both directions; None where nothing is known."""
+    def _matched(self, couple: Couple) -> BothWays | None:
+        """Where matches lead, in both directions; None where there are none."""
         first, second = couple
-        if shorter:
-            stops = _stops(first, second, shorter)
-            return self._chained(stops), self._chained(stops[::-1])
         if second - first not in self.matches.gaps:
             return None
         size = kept(self.clip.height, self.clip.width, self.estimator.field_side)
@@ -123,6 +148,20 @@ class FlowStore:
         for hop in hops:
             chain = chain + bilinear(hop, _grid(chain) + chain)
         return chain
+
+
+def doubtful(both: BothWays, starts: BothWays) -> bool:
+    """Whether there is anything to be gained from a search from `starts`: on `DOUBTED` of the pixels one way or other.
+
+    There the answer does not return to where it began, and the start is elsewhere.
+    """
+    length = unit(*both[0].shape[:2])
+    for there, back, start in ((both[0], both[1], starts[0]), (both[1], both[0], starts[1])):
+        astray = _errors(there, back) > MARGIN * length
+        elsewhere = np.abs(start - there).max(axis=-1) > ELSEWHERE * length
+        if (astray & elsewhere).mean() > DOUBTED:
+            return True
+    return False
 
 
 def nearer(both: BothWays, others: BothWays) -> BothWays:
@@ -149,7 +188,12 @@ def _errors(there: Flow, back: Flow) -> Flow:
 
 
 def _grid(flow: Flow) -> Flow:
-    height, width = flow.shape[:2]
+    """The pixels of its raster, not to be written to."""
+    return _pixels(*flow.shape[:2])
+
+
+@lru_cache(2)
+def _pixels(height: int, width: int) -> Flow:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 

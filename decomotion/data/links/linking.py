@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ if TYPE_CHECKING:  # it needs torch, which linking does not
 Xy = npt.NDArray[np.float32]
 FlowLookup = Callable[[int, int], Flow]
 MatchLookup = Callable[[int, int], "Matches"]
+_Which = slice | npt.NDArray[np.int64]
 RefineLookup = Callable[[int, int, Xy, Xy, tuple[int, ...]], Xy]
 
 HOP_VARIANCE = 0.1**2
@@ -43,6 +45,10 @@ CYCLE_SHARE = 0.3
 """Share of a hop's squared cycle error that is counted as its own squared error."""
 CYCLE_LIMIT = 20.0
 """Cycle errors are counted up to here, in units."""
+AT_ONCE = 2**14
+"""Points that are carried at a time: what is worked on stays in the processor's cache."""
+MOST = 0.7
+"""Where more than this share of them has to be carried, all are, which saves gathering them."""
 BYTES_A_POINT = 13
 """Of a point of one source frame in one frame that was reached; they are kept for the longest gap."""
 OCCLUSION_COST = 10.0
@@ -79,7 +85,8 @@ class Links:
 
 def cycle_error(xy: Xy, there: Xy, backward: Flow) -> npt.NDArray[np.float32]:
     """Distance in pixels between `xy` and where `backward` leads from `there`. Shapes [..., 2]; result [...]."""
-    return np.linalg.norm(there + bilinear(backward, there) - xy, axis=-1)
+    missed = there + bilinear(backward, there) - xy
+    return np.sqrt(missed[..., 0] ** 2 + missed[..., 1] ** 2)  # norm() takes ten times as long
 
 
 def outside(xy: Xy, height: int, width: int) -> npt.NDArray[np.bool_]:
@@ -110,28 +117,23 @@ def link(
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
-    frames = len(points)
-    order = range(frames) if step > 0 else range(frames - 1, -1, -1)
+    order = range(len(points)) if step > 0 else range(len(points) - 1, -1, -1)
     longest = max(intervals + (rematching.intervals if rematching else ()))
     reached: dict[int, _State] = {}
     for target in order:
-        best = None
-        for origin, start in _starts(reached, target, intervals, max_gap, step):
-            gap = abs(target - origin)
-            best = _better(best, _hop(start, flow(origin, target), flow(target, origin), gap, cycle_threshold))
-        if best is not None and rematching is not None:
-            raster = flow(target, target - step).shape[:2]
-            for origin, start in _starts(reached, target, rematching.intervals, max_gap, step):
-                best = _found_again(best, start, origin, target, rematching, raster)
-        own = _State(
-            np.array([target]),
-            points[target][None].astype(np.float32),
-            np.zeros((1, points.shape[1]), np.float32),
-            np.zeros((1, points.shape[1]), np.bool_),
-        )
-        if best is not None:
-            yield Links(target, best.sources, best.xy, best.variance, best.occluded)
-            own = best.joined(own)
+        own = _State.of(target, points[target])
+        starts = list(_starts(reached, target, intervals, max_gap, step))
+        if starts:
+            best = _State.unreached(starts[0][1].sources, own)
+            for origin, start in starts:
+                gap = abs(target - origin)
+                _hop(best, start, flow(origin, target), flow(target, origin), gap, cycle_threshold)
+            if rematching is not None:
+                raster = flow(target, target - step).shape[:2]
+                again = list(_starts(reached, target, rematching.intervals, max_gap, step))
+                _find_again(best, again, target, rematching, raster)
+            yield Links(target, best.sources[:-1], best.xy[:-1], best.variance[:-1], best.occluded[:-1])
+            own = best
         reached[target] = own
         for origin in [frame for frame in reached if abs(frame - target) >= longest]:
             del reached[origin]
@@ -139,23 +141,51 @@ def link(
 
 @dataclass(frozen=True)
 class _State:
-    """The points of several source frames as they lie in one frame."""
+    """The points of several source frames, in the order of travel, as they lie in one frame."""
 
     sources: npt.NDArray[np.int64]
     xy: Xy
     variance: npt.NDArray[np.float32]
     occluded: npt.NDArray[np.bool_]
 
-    def keep(self, which: npt.NDArray[np.bool_]) -> _State:
-        return _State(self.sources[which], self.xy[which], self.variance[which], self.occluded[which])
+    @staticmethod
+    def of(frame: int, points: Xy) -> _State:
+        """The points of one frame, in it."""
+        xy = points[None].astype(np.float32)
+        return _State(np.array([frame]), xy, np.zeros(xy.shape[:2], np.float32), np.zeros(xy.shape[:2], np.bool_))
 
-    def joined(self, other: _State) -> _State:
-        return _State(
-            np.concatenate([self.sources, other.sources]),
-            np.concatenate([self.xy, other.xy]),
-            np.concatenate([self.variance, other.variance]),
-            np.concatenate([self.occluded, other.occluded]),
-        )
+    @staticmethod
+    def unreached(sources: npt.NDArray[np.int64], own: _State) -> _State:
+        """Points of `sources` that no hop has carried yet, which costs more than any; the frame's own last."""
+        shape = (len(sources) + 1, *own.variance.shape[1:])
+        xy, occluded = np.empty((*shape, 2), np.float32), np.zeros(shape, np.bool_)
+        variance = np.full(shape, np.inf, np.float32)
+        xy[-1], variance[-1] = own.xy[0], 0
+        return _State(np.append(sources, own.sources), xy, variance, occluded)
+
+    def later(self, first: int) -> _State:
+        """Without the `first` sources, nothing copied."""
+        return _State(self.sources[first:], self.xy[first:], self.variance[first:], self.occluded[first:])
+
+    def cost(self, which: _Which) -> npt.NDArray[np.float32]:
+        """Of its points at flat indices, by which one way is preferred to another."""
+        return self.variance.reshape(-1)[which] + np.float32(OCCLUSION_COST) * self.occluded.reshape(-1)[which]
+
+    def take(self, other: _State, which: npt.NDArray[np.int64]) -> None:
+        """What `other` has, one after the other, becomes that of the points at the flat indices `which`."""
+        _as_numbers(self.xy)[which] = _as_numbers(other.xy)
+        self.variance.reshape(-1)[which] = other.variance
+        self.occluded.reshape(-1)[which] = other.occluded
+
+
+def _as_numbers(xy: Xy) -> npt.NDArray[np.complex64]:
+    """Positions [..., 2], flat, each as one number: numpy gathers and scatters those many times as fast as pairs."""
+    return xy.reshape(-1, 2).view(np.complex64)[:, 0]
+
+
+def _positions(state: _State, which: _Which) -> Xy:
+    """[point, 2], those at flat indices."""
+    return _as_numbers(state.xy)[which].view(np.float32).reshape(-1, 2)
 
 
 def _starts(
@@ -164,67 +194,77 @@ def _starts(
     """The frames from which a hop over one of the gaps leads to the target, nearest first, with the points there."""
     for origin in (target - gap * step for gap in sorted(intervals) if gap <= max_gap):
         if origin in reached:
-            yield origin, reached[origin].keep(np.abs(reached[origin].sources - target) <= max_gap)
+            sources = reached[origin].sources
+            yield origin, reached[origin].later(int((np.abs(sources - target) > max_gap).sum()))
 
 
-def _hop(state: _State, forward: Flow, backward: Flow, gap: int, cycle_threshold: float) -> _State:
-    there = state.xy + bilinear(forward, state.xy)
+def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, cycle_threshold: float) -> None:
+    """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over."""
     height, width = forward.shape[:2]
-    gone = outside(there, height, width)
-    units = cycle_error(state.xy, there, backward) / unit(height, width)
-    error = np.where(gone, CYCLE_LIMIT, units)
-    variance = state.variance + HOP_VARIANCE + GAP_VARIANCE * gap**2 + CYCLE_SHARE * np.minimum(error, CYCLE_LIMIT) ** 2
-    return _State(
-        state.sources,
-        there,
-        variance.astype(np.float32),
-        state.occluded | gone | (error > cycle_threshold),
-    )
+    added = HOP_VARIANCE + GAP_VARIANCE * gap**2
+
+    def carried(which: _Which) -> _State:
+        xy = _positions(start, which)
+        there = xy + bilinear(forward, xy)
+        error = cycle_error(xy, there, backward) / np.float32(unit(height, width))
+        gone = outside(there, height, width)
+        error[gone] = CYCLE_LIMIT
+        occluded = start.occluded.reshape(-1)[which] | gone | (error > cycle_threshold)
+        np.minimum(error, np.float32(CYCLE_LIMIT), out=error)
+        variance = start.variance.reshape(-1)[which] + np.float32(added) + np.float32(CYCLE_SHARE) * error * error
+        return _State(start.sources, there, variance.astype(np.float32), occluded)
+
+    for _ in _improved(best, start, added, carried):
+        pass
 
 
-def _found_again(
-    best: _State, start: _State, origin: int, target: int, rematching: Rematching, raster: tuple[int, ...]
-) -> _State:
-    """`best` with the points that a match from `start`, in frame `origin`, finds at less cost."""
-    hop = _match_hop(start, rematching.match(origin, target), raster)
-    cheaper = _cheaper(best, hop)
-    if rematching.refine is not None:
-        seen = cheaper & ~hop.occluded
-        hop.xy[seen] = rematching.refine(origin, target, start.xy[seen], hop.xy[seen], raster)
-    return _taken(best, hop, cheaper)
+def _find_again(
+    best: _State, starts: list[tuple[int, _State]], target: int, rematching: Rematching, raster: tuple[int, ...]
+) -> None:
+    """Gives `best` the points that a match from one of `starts` finds at less cost, and has them refined."""
+    via = np.full(best.variance.size, -1, np.int8)
+    for number, (origin, start) in enumerate(starts):
+        matches = rematching.match(origin, target)
+        for which in _improved(best, start, MATCH_VARIANCE, partial(_match_hop, start, matches, raster)):
+            via[which] = number
+    if rematching.refine is None:
+        return
+    via[best.occluded.reshape(-1)] = -1
+    found = best.xy.reshape(-1, 2)
+    for number, (origin, start) in enumerate(starts):
+        which = np.flatnonzero(via == number)
+        found[which] = rematching.refine(origin, target, _positions(start, which), found[which], raster)
 
 
-def _match_hop(state: _State, matches: Matches, raster: tuple[int, ...]) -> _State:
+def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: _Which) -> _State:
     """To where the cell that holds each point was matched, in pixels of a flow's `raster` (height, width)."""
     rows, columns = matches.trusted.shape
     pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
-    column, row = np.moveaxis(np.floor((state.xy + 0.5) / pixels).astype(np.int64), -1, 0)
+    xy = _positions(start, which)
+    column, row = np.floor((xy + np.float32(0.5)) / pixels).astype(np.int64).T
     column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
-    there = (state.xy + matches.displacement[row, column] * pixels).astype(np.float32)
+    there = (xy + matches.displacement[row, column] * pixels).astype(np.float32)
     hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
-    return _State(state.sources, there, state.variance + np.float32(MATCH_VARIANCE), state.occluded | hidden)
+    variance = start.variance.reshape(-1)[which] + np.float32(MATCH_VARIANCE)
+    return _State(start.sources, there, variance, start.occluded.reshape(-1)[which] | hidden)
 
 
-def _better(best: _State | None, other: _State) -> _State:
-    """Point by point the cheaper of two states."""
-    if best is None:
-        return other
-    return _taken(best, other, _cheaper(best, other))
+def _improved(
+    best: _State, start: _State, least: float, carried: Callable[[_Which], _State]
+) -> Iterator[npt.NDArray[np.int64]]:
+    """Point by point, `best` takes over what costs less than it has; yields the flat indices of what it took.
 
-
-def _cheaper(best: _State, other: _State) -> npt.NDArray[np.bool_]:
-    """Which points of `other` cost less than in `best`; it may lack the latest sources."""
-    count = len(other.sources)
-    return other.variance + OCCLUSION_COST * other.occluded < (
-        best.variance[:count] + OCCLUSION_COST * best.occluded[:count]
-    )
-
-
-def _taken(best: _State, other: _State, cheaper: npt.NDArray[np.bool_]) -> _State:
-    """`best` with the points of `other` that are `cheaper`."""
-    count = len(other.sources)
-    xy, variance, occluded = best.xy.copy(), best.variance.copy(), best.occluded.copy()
-    xy[:count][cheaper] = other.xy[cheaper]
-    variance[:count][cheaper] = other.variance[cheaper]
-    occluded[:count][cheaper] = other.occluded[cheaper]
-    return _State(best.sources, xy, variance, occluded)
+    `carried(which)` are the points of `start` at flat indices, a hop later, which costs them `least` or more: where
+    that is too much already, it is not asked. `start` may lack the latest sources of `best`.
+    """
+    for first in range(0, start.variance.size, AT_ONCE):
+        part = slice(first, min(first + AT_ONCE, start.variance.size))
+        worth = np.flatnonzero(start.cost(part) + np.float32(least) < best.cost(part))
+        if not len(worth):
+            continue
+        which: _Which = worth + first if len(worth) < MOST * (part.stop - first) else part
+        hop, before = carried(which), best.cost(which)
+        cheaper = np.flatnonzero(hop.variance + np.float32(OCCLUSION_COST) * hop.occluded < before)
+        taken = cheaper + first if isinstance(which, slice) else which[cheaper]
+        best.take(_State(hop.sources, _positions(hop, cheaper), hop.variance[cheaper], hop.occluded[cheaper]), taken)
+        yield taken

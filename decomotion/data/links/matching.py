@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from tqdm import tqdm
 
+from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
 from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
@@ -30,7 +31,10 @@ from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.pair_files import Couple, PairFiles
 from decomotion.data.timing import least_seconds
+from decomotion.memory import forget
 
+DESCRIBED = "described.npy"
+"""The descriptors of all frames, beside the matches while these are made."""
 SIDE = 256
 """Longer side at which frames are described; the coarser scale, and the raster of descriptors, is half of it."""
 CELL = 2
@@ -90,11 +94,14 @@ class MatchStore:
         missing = self._missing()
         if not missing:
             return
-        maps = describe(self._clip, progress)
+        maps = describe(self._clip, self._files.folder / DESCRIBED, progress)
         for first, second in tqdm(missing, "match", disable=not progress, leave=False):
-            forward, backward = self._both_ways(maps[first].float(), maps[second].float())
+            both = (torch.from_numpy(maps[frame].astype(np.float32)) for frame in (first, second))
+            forward, backward = self._both_ways(*both)
             for way, matches in (((first, second), forward), ((second, first), backward)):
                 self._files.write(*way, np.dstack([matches.displacement, matches.trusted]).astype(np.float32))
+            forget(maps)
+        (self._files.folder / DESCRIBED).unlink()
 
     def seconds(self) -> float:
         """What `compute` will take on this machine, about: by the time of one frame and of one pair."""
@@ -119,29 +126,34 @@ class MatchStore:
     def _both_ways(self, a: Float[Tensor, "h w channel"], b: Float[Tensor, "h w channel"]) -> tuple[Matches, Matches]:
         with torch.inference_mode():
             cells_a, cells_b = _pooled(a), _pooled(b)
-            best_ab, best_ba = _nearest(cells_a, cells_b), _nearest(cells_b, cells_a)
-            width = cells_a.shape[1]
-            return (
-                self._judged(_refined(cells_a, b, best_ab), _returns(best_ab, best_ba, width)),
-                self._judged(_refined(cells_b, a, best_ba), _returns(best_ba, best_ab, width)),
-            )
+            best_ab, best_ba = _nearest(cells_a, cells_b)
+            return self._judged(cells_a, b, best_ab, best_ba), self._judged(cells_b, a, best_ba, best_ab)
 
-    def _judged(self, displacement: Float[Tensor, "h w 2"], mutual: Bool[Tensor, " cell"]) -> Matches:
+    def _judged(
+        self,
+        cells: Float[Tensor, "row column channel"],
+        other: Float[Tensor, "h w channel"],
+        best: Int[Tensor, " cell"],
+        back: Int[Tensor, " other"],
+    ) -> Matches:
+        mutual = _returns(best, back, cells.shape[1])
+        displacement = _refined(cells, other, best, mutual)
         mutual = mutual.reshape(displacement.shape[:2])
         trusted = mutual & (supporters(displacement, mutual) >= self._supporters)
         return Matches(displacement.numpy(), trusted.numpy())
 
 
-def describe(clip: Clip, progress: bool = False) -> Float[Tensor, "frame h w channel"]:
-    """Descriptors of every frame, float16 of unit norm."""
+def describe(clip: Clip, file: Path, progress: bool = False) -> np.memmap:
+    """Descriptors of every frame, float16 [frame, h, w, channel] of unit norm, mapped from a new `file`."""
     sift = DenseSift()
     sampled = range(0, len(clip), max(SAMPLE_STRIDE, -(-len(clip) // SAMPLE_FRAMES)))
     samples = {frame: _describe(clip.frames[frame], sift) for frame in sampled}
     reduce = fit_reduction(np.stack([sample[::2, ::2] for sample in samples.values()]), CHANNELS)
-    maps = torch.empty(len(clip), *samples[0].shape[:2], CHANNELS, dtype=torch.float16)
+    maps = allocated_memmap(file, np.float16, (len(clip), *samples[0].shape[:2], CHANNELS))
     for frame in tqdm(range(len(clip)), "describe", disable=not progress, leave=False):
         described = samples.pop(frame) if frame in samples else _describe(clip.frames[frame], sift)
-        maps[frame] = torch.from_numpy(reduce(described))
+        maps[frame] = reduce(described)
+        forget(maps)
     return maps
 
 
@@ -162,36 +174,54 @@ def _pooled(image: Float[Tensor, "h w channel"]) -> Float[Tensor, "row column ch
 
 def _nearest(
     cells: Float[Tensor, "row column channel"], others: Float[Tensor, "row column channel"]
-) -> Int[Tensor, " cell"]:
-    """The most similar of `others` for each cell; in blocks of products that stay in the processor's cache."""
+) -> tuple[Int[Tensor, " cell"], Int[Tensor, " other"]]:
+    """The most similar of `others` for each cell, and the most similar cell for each of them.
+
+    In blocks of products that stay in the processor's cache; of equals the first.
+    """
     all_others = others.flatten(0, 1).T
-    blocks = cells.flatten(0, 1).split(BLOCK)
-    return torch.from_numpy(np.concatenate([(block @ all_others).numpy().argmax(1) for block in blocks]))
+    of_cells, of_others = [], np.zeros(all_others.shape[1], np.int64)
+    highest = np.full(len(of_others), -np.inf, np.float32)
+    for number, block in enumerate(cells.flatten(0, 1).split(BLOCK)):
+        similarity = (block @ all_others).numpy()
+        of_cells.append(similarity.argmax(1))
+        top = similarity.max(0)  # argmax() along this axis takes many times as long
+        risen = np.flatnonzero(top > highest)
+        of_others[risen] = number * BLOCK + (similarity[:, risen] == top[risen]).argmax(0)
+        highest[risen] = top[risen]
+    return torch.from_numpy(np.concatenate(of_cells)), torch.from_numpy(of_others)
 
 
 def _refined(
-    cells: Float[Tensor, "row column channel"], other: Float[Tensor, "h w channel"], best: Int[Tensor, " cell"]
+    cells: Float[Tensor, "row column channel"],
+    other: Float[Tensor, "h w channel"],
+    best: Int[Tensor, " cell"],
+    which: Bool[Tensor, " cell"],
 ) -> Float[Tensor, "row column 2"]:
-    """Displacements in cells to the most similar descriptor near each cell's `best` cell, refined by a parabola."""
+    """Displacements in cells to each cell's `best` cell; of those asked for with `which` to the most similar descriptor
+    near it, refined by a parabola."""
     rows, columns, channels = cells.shape
     height, width = other.shape[:2]
     side = 2 * REACH + CELL
+    own = torch.arange(rows * columns)
+    moved = torch.stack([best % columns - own % columns, best // columns - own // columns], dim=-1).float()
+    own, best = own[which], best[which]
     corner_y, corner_x = best // columns * CELL, best % columns * CELL
     offset = torch.arange(-REACH, REACH + CELL)
     y = (corner_y[:, None] + offset).clamp(0, height - 1)[:, :, None].expand(-1, side, side)
     x = (corner_x[:, None] + offset).clamp(0, width - 1)[:, None, :].expand(-1, side, side)
-    near = other.flatten(0, 1)[(y * width + x).flatten()].reshape(-1, side * side, channels)
-    similarity = torch.einsum("pc,poc->po", cells.flatten(0, 1), near)
+    near = other.flatten(0, 1).index_select(0, (y * width + x).flatten()).reshape(-1, side * side, channels)
+    similarity = torch.einsum("pc,poc->po", cells.flatten(0, 1)[which], near)
     top = similarity.argmax(1)
     row, column = top // side, top % side
     grid = similarity.reshape(-1, side, side)
     each = torch.arange(len(top))
     found_x = x[each, row, column] + _peak(grid[each, row], column)
     found_y = y[each, row, column] + _peak(grid[each, :, column], row)
-    own = torch.arange(rows * columns)
     middle = (CELL - 1) / 2
-    moved = torch.stack([found_x - own % columns * CELL - middle, found_y - own // columns * CELL - middle], dim=-1)
-    return (moved / CELL).reshape(rows, columns, 2)
+    away = torch.stack([found_x - own % columns * CELL - middle, found_y - own // columns * CELL - middle], dim=-1)
+    moved[which] = away / CELL
+    return moved.reshape(rows, columns, 2)
 
 
 def _peak(values: Float[Tensor, "cell sample"], top: Int[Tensor, " cell"]) -> Float[Tensor, " cell"]:

@@ -7,11 +7,14 @@ lies half on what is behind them.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.clip import Clip
+from decomotion.data.flow.interface import resized
 from decomotion.units import unit
 
 SIDE = 512
@@ -20,6 +23,8 @@ WINDOW = 17
 """Side of a patch, in their pixels."""
 FARTHEST = 2.5
 """What moves farther than this, in pixels of a frame whose longer side is 256, has found something else: not taken."""
+KEPT = 64
+"""Frames that are kept for the next patches."""
 ROUNDS, STEP = 20, 0.01
 """Of the registration at most, and the step in pixels at which it ends."""
 
@@ -30,9 +35,8 @@ class Refiner:
     def __init__(self, clip: Clip) -> None:
         scale = SIDE / max(clip.height, clip.width)
         size = (max(1, round(clip.width * scale)), max(1, round(clip.height * scale)))
-        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-        greys = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in clip.frames)
-        self._frames = [cv2.resize(grey, size, interpolation=how) for grey in greys]
+        self._size = size
+        self._grey = lru_cache(KEPT)(lambda frame: cv2.cvtColor(resized(clip.frames[frame], size), cv2.COLOR_RGB2GRAY))
 
     def __call__(
         self,
@@ -48,12 +52,12 @@ class Refiner:
         """
         if not len(xy):
             return found
-        height, width = self._frames[0].shape
+        width, height = self._size
         pixels = np.array([width / raster[1], height / raster[0]], np.float32)
         here, there = ((places + 0.5) * pixels - 0.5 for places in (xy, found))
         moved, registered, _ = cv2.calcOpticalFlowPyrLK(
-            self._frames[first],
-            self._frames[second],
+            self._grey(first),
+            self._grey(second),
             here[:, None].astype(np.float32),
             there[:, None].astype(np.float32),
             winSize=(WINDOW, WINDOW),

@@ -28,9 +28,9 @@ from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
 from decomotion.data.pool import grid_shape, jittered_grid, pack
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, rescaled
 from decomotion.data.stages import write_whole
-from decomotion.memory import give_back
+from decomotion.memory import forget, give_back
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -44,6 +44,7 @@ LINKED_AT_ONCE = 256 << 20
 
 def build_links(
     clip: Clip,
+    working: Clip,
     config: DataConfig,
     wanted: int,
     seconds_after: Callable[[int], float],
@@ -52,8 +53,12 @@ def build_links(
     estimator: FlowEstimator,
     progress: bool,
     folder: Path,
+    spent: float,
 ) -> dict[str, Any]:
     """Fills the stage's folder with points, rgb, targets and confidence; returns its facts.
+
+    Positions are in pixels of `clip`; frames are read from `working`, the same clip at the size that preparation works
+    at, for which `spent` of the seconds that there are have gone.
 
     About `wanted` points of each frame are linked by flow, or as many as there is time for, on a grid that `random`
     jitters; those of `tracks` come after them. `seconds_after(points)` is what preparation will take afterwards.
@@ -61,18 +66,18 @@ def build_links(
     Raises `SupervisionError` where there is too little time, before any long work; gaps that are a list have any.
     """
     begin = time.monotonic()
-    matches = MatchStore(clip, config.matching, folder / "matches", neighbours=estimator.guided)
-    flows = FlowStore(clip, estimator, matches, folder / "flow")
+    matches = MatchStore(working, config.matching, folder / "matches", neighbours=estimator.guided)
+    flows = FlowStore(working, estimator, matches, folder / "flow")
     after, hop = 0.0, None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
-        hop = check_time(clip, config, flows, wanted, seconds_after)
+        hop = check_time(working, config, flows, wanted, seconds_after)
         after = seconds_after(wanted)
     estimated = time.monotonic()
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
-    left = config.prepare_budget - (matched - begin) - after
-    schedule = scheduled(clip, config, flows, wanted, hop, left, folder / SCHEDULE)
+    left = config.prepare_budget - spent - (matched - begin) - after
+    schedule = scheduled(working, config, flows, wanted, hop, left, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
@@ -83,12 +88,14 @@ def build_links(
     frames, on_grid = points.shape[:2]
     shown = points if tracks is None else np.concatenate([points, tracks.points(clip)], axis=1)
     np.save(folder / "points.npy", shown)
-    np.save(folder / "rgb.npy", np.stack([bilinear(frame, xy) for frame, xy in zip(clip.frames, shown, strict=True)]))
+    on_working = rescaled(shown, (clip.height, clip.width), (working.height, working.width))
+    colours = [bilinear(frame, xy) for frame, xy in zip(working.frames, on_working, strict=True)]
+    np.save(folder / "rgb.npy", np.stack(colours))
     count = shown.shape[1]
     begun = parts_done(folder) > 0
     targets = allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2), keep=begun)
     confidence = allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count), keep=begun)
-    linker = _Linker(clip, config, flows, intervals, matches)
+    linker = _Linker(clip, working, config, flows, intervals, matches)
     linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)
     for frame in range(frames):
@@ -111,6 +118,7 @@ def build_links(
         "grid": grid_shape(clip.height, clip.width, schedule["points"]),
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
         "seconds": {
+            "frames": spent,
             "estimate": estimated - begin,
             "matches": matched - estimated,
             "flow": computed - matched,
@@ -131,13 +139,15 @@ class _Linker:
     def __init__(
         self,
         clip: Clip,
+        working: Clip,
         config: DataConfig,
         flow: linking.FlowLookup,
         intervals: tuple[int, ...],
         matches: MatchStore,
     ) -> None:
         self._clip, self._pool, self._flow, self._intervals = clip, config.pool, flow, intervals
-        self._rematching = linking.Rematching(matches, matches.intervals, Refiner(clip)) if matches.intervals else None
+        refine = Refiner(working)
+        self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
         self._longest = min(len(clip), max(intervals + matches.intervals))
 
     def run(
@@ -170,15 +180,18 @@ class _Linker:
         step: int,
         bar: tqdm,
     ) -> None:
-        clip, pool = self._clip, self._pool
-        height, width = self._flow(0, 1).shape[:2]
-        shrink = np.array([width / clip.width, height / clip.height], np.float32)
-        on_raster = (points + 0.5) * shrink - 0.5
+        pool, sides, raster = self._pool, (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
+        on_raster = rescaled(points, sides, raster)
         for links in linking.link(
             on_raster, self._flow, self._intervals, pool.cycle_threshold, pool.max_gap, step, self._rematching
         ):
-            in_pixels = (links.xy + 0.5) / shrink - 0.5
-            targets[links.sources, links.target] = pack(in_pixels, max(clip.height, clip.width))
-            certain = np.where(links.occluded, 0, CONFIDENT_VARIANCE / (CONFIDENT_VARIANCE + links.variance))
-            confidence[links.sources, links.target] = np.round(255 * certain)
+            for source, xy, variance, occluded in zip(
+                links.sources, links.xy, links.variance, links.occluded, strict=True
+            ):
+                targets[source, links.target] = pack(rescaled(xy, raster, sides), max(sides))
+                certain = np.float32(255 * CONFIDENT_VARIANCE) / (np.float32(CONFIDENT_VARIANCE) + variance)
+                certain[occluded] = 0
+                confidence[source, links.target] = np.round(certain)
+            forget(targets)
+            forget(confidence)
             bar.update()

@@ -1,4 +1,4 @@
-"""Motion masks: what moves relative to the static scene."""
+"""Motion masks: what moves relative to the static scene, as a probability at each point."""
 
 from __future__ import annotations
 
@@ -8,42 +8,58 @@ import numpy.typing as npt
 
 from decomotion.data.masks import evidence, labelling
 from decomotion.data.pool import Positions, first_points
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, rescaled
 from decomotion.frames import AnyFrames
 from decomotion.units import to_units
 
 Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+
+MOVES = 0.5
+"""What is likelier than this to move is taken to do so."""
 
 
-def auto_masks(
+def moving_probability(
     frames: AnyFrames,
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
     grid: tuple[int, int],
+    sides: tuple[int, int],
     random: np.random.Generator,
     progress: bool = False,
-) -> Mask:
-    """What moves relative to the static scene, [frame, H, W], from the geometry of many pairs of frames.
+) -> Floats:
+    """How likely each point of the grid moves relative to the static scene, [frame, row, column], from many pairs.
 
     Args:
-        frames: [frame, H, W, 3].
-        points: [frame, point, 2] in pixels, of which the first form a jittered grid; the others are not looked at.
+        frames: [frame, h, w, 3], the clip's at any size.
+        points: [frame, point, 2] in pixels of the clip, of which the first form a jittered grid; others are not
+            looked at.
         targets: [frame, frame, point, 2] and
         confidence: [frame, frame, point], as in the pool.
         grid: rows and columns.
+        sides: height and width of the clip.
         random: draws the points that geometry is fitted to.
         progress: show a progress bar.
     """
-    height, width = frames.shape[1:3]
     count = grid[0] * grid[1]
-    images, positions = evidence.in_units(frames), to_units(points[:, :count], height, width)
+    positions = to_units(points[:, :count], *sides)
     linked = first_points(targets, count), confidence[:, :, :count]
-    found = evidence.motion_evidence(images, positions, *linked, (height, width), random, progress)
-    lab = np.stack([_lab_at(image, xy) for image, xy in zip(images, positions, strict=True)])
-    links = labelling.LinkReader(*linked, grid, height, width)
-    probability = labelling.moving_probability(found, lab, links, grid)
-    return np.stack([cv2.resize(values.reshape(grid), (width, height)) > 0.5 for values in probability])
+    found = evidence.motion_evidence(frames, positions, *linked, sides, random, progress)
+    lab = np.stack([_lab_at(evidence.in_units(frame), xy) for frame, xy in zip(frames, positions, strict=True)])
+    links = labelling.LinkReader(*linked, grid, *sides)
+    return labelling.moving_probability(found, lab, links, grid).reshape(-1, *grid)
+
+
+def moves_at(probability: Floats, xy: Floats, sides: tuple[int, int]) -> Mask:
+    """Whether what lies at `xy` [point, 2], in pixels of a clip of those sides, moves, by one frame's [row, column]."""
+    return bilinear(probability, rescaled(xy, sides, probability.shape[:2]))[:, 0] > MOVES
+
+
+def rendered(probability: Floats, sides: tuple[int, int]) -> Mask:
+    """The masks [frame, H, W] of [frame, row, column], to look at and to compare."""
+    height, width = sides
+    return np.stack([cv2.resize(values, (width, height)) > MOVES for values in probability])
 
 
 def _lab_at(image: npt.NDArray[np.uint8], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

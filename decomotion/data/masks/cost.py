@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from decomotion.data.masks.auto import auto_masks
+from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.evidence import NEIGHBOURS
 from decomotion.data.pool import grid_shape, jittered_grid
 from decomotion.data.timing import least_seconds
@@ -18,7 +18,7 @@ NOISE, ASTRAY = 0.3, 0.2
 
 
 def seconds_a_frame(frames: AnyFrames, points: int, random: np.random.Generator) -> float:
-    """Wall time in which masks `auto` of a clip [frame, H, W, 3] are found, a frame, by those of a few frames.
+    """Wall time in which masks `auto` of a clip [frame, h, w, 3] are found, a frame, by those of a few frames.
 
     They come from about `points` links of each frame to each other, which `random` draws.
     """
@@ -31,5 +31,5 @@ def seconds_a_frame(frames: AnyFrames, points: int, random: np.random.Generator)
     targets[anywhere] = random.permutation(targets[anywhere])
     certain = np.full(targets.shape[:3], 255, np.uint8)
     grid = grid_shape(height, width, points)
-    seconds = least_seconds(lambda: auto_masks(piece, where, targets, certain, grid, random))
+    seconds = least_seconds(lambda: moving_probability(piece, where, targets, certain, grid, (height, width), random))
     return seconds / (count * (count - 1)) * min(2 * NEIGHBOURS, len(frames) - 1)

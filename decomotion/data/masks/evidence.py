@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -45,6 +46,8 @@ INTERIOR_WEIGHT = 0.3
 """Correspondences outside that band are drawn with this weight: the scene reaches the border, objects rarely do."""
 HOMOGRAPHY_UNITS = 1.5
 """Inliers of the homography lie this near, in units."""
+SINGULAR = 1e-9
+"""Determinant below which a homography has no inverse to speak of."""
 EPIPOLAR_UNITS = 0.5
 """Noise scale of MAGSAC for the fundamental matrix, in units; also where a point counts as explained by it."""
 EPIPOLAR_SCALE = 4.0
@@ -69,17 +72,17 @@ class Evidence:
     """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
 
 
-def in_units(frames: AnyFrames) -> npt.NDArray[np.uint8]:
-    """Frames [frame, H, W, 3] resized to the raster of units: their longer side is 256."""
-    height, width = frames.shape[1:3]
+def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """A frame [H, W, 3] resized to the raster of units: its longer side is 256."""
+    height, width = frame.shape[:2]
     scale = 1 / unit(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    return np.asarray([cv2.resize(frame, size, interpolation=how) for frame in frames], np.uint8)
+    return np.asarray(cv2.resize(frame, size, interpolation=how), np.uint8)
 
 
 def motion_evidence(
-    images: npt.NDArray[np.uint8],
+    frames: AnyFrames,
     points: Floats,
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
@@ -90,7 +93,7 @@ def motion_evidence(
     """Compares every frame with its neighbours up to `NEIGHBOURS` away.
 
     Args:
-        images: [frame, h, w, 3], from `in_units`.
+        frames: [frame, h, w, 3], of which a few are in memory at a time.
         points: [frame, point, 2], in units.
         targets: [frame, frame, point, 2] in pixels of the clip, as in the pool.
         confidence: [frame, frame, point], as in the pool; 0 says nothing.
@@ -98,19 +101,27 @@ def motion_evidence(
         random: draws the points that geometry is fitted to.
         progress: show a progress bar.
     """
-    frames, (height, width) = len(points), images.shape[1:3]
-    blurred = [cv2.GaussianBlur(image, (0, 0), 1) for image in images]
+    count, (height, width) = len(points), in_units(frames[0]).shape[:2]
+
+    @lru_cache(2 * NEIGHBOURS + 1)
+    def blurred(frame: int) -> npt.NDArray[np.uint8]:
+        return np.asarray(cv2.GaussianBlur(in_units(frames[frame]), (0, 0), 1), np.uint8)
+
+    cameras: dict[tuple[int, int], _Camera | None] = {}
     residual = np.full(points.shape[:2], np.nan, np.float32)
     change = np.full(points.shape[:2], np.nan, np.float32)
-    for frame in tqdm(range(frames), "motion", disable=not progress, leave=False):
+    for frame in tqdm(range(count), "motion", disable=not progress, leave=False):
         source, border = points[frame], near_border(points[frame], height, width)
-        compared = [
-            _Pair.fit(source, to_units(targets[frame, other], *sides), confidence[frame, other], border, random)
-            for other in neighbours(frame, frames)
-        ]
-        pairs = {
-            other: pair for other, pair in zip(neighbours(frame, frames), compared, strict=True) if pair is not None
-        }
+        pairs: dict[int, _Pair] = {}
+        for other in neighbours(frame, count):
+            target, visible = to_units(targets[frame, other], *sides), confidence[frame, other]
+            camera = None if frame < other else inverse(cameras.pop((other, frame)))
+            if camera is None:
+                camera = _Camera.fit(source, target, visible, border, random)
+            if frame < other:
+                cameras[frame, other] = camera  # for the way back
+            if camera is not None and (visible > 0).sum() >= MIN_VALID:
+                pairs[other] = _Pair.of(camera, source, target, visible > 0)
         if not pairs:
             continue
         trust = epipolar_trust([pair.parallax_share(border) for pair in pairs.values()])
@@ -119,7 +130,7 @@ def motion_evidence(
         epipolar = _median([pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
         residual[frame] = combined(planar, epipolar, trust)
         changes = [
-            photometric_change(blurred[frame], blurred[other], source, pair.homography) for other, pair in pairs.items()
+            photometric_change(blurred(frame), blurred(other), source, pair.homography) for other, pair in pairs.items()
         ]
         change[frame] = quantile(changes, CHANGE_QUANTILE)
     return Evidence(residual, change)
@@ -132,12 +143,11 @@ def neighbours(frame: int, frames: int) -> list[int]:
 
 
 @dataclass(frozen=True)
-class _Pair:
-    """The camera between two frames, and how far each point is from it: [point], units, NaN where it is hidden."""
+class _Camera:
+    """Its motion from one frame to another; without epipolar geometry the homography decides alone."""
 
     homography: Model
-    planar: Floats
-    epipolar: Floats
+    fundamental: Model | None
 
     @staticmethod
     def fit(
@@ -146,7 +156,7 @@ class _Pair:
         confidence: npt.NDArray[np.uint8],
         border: npt.NDArray[np.bool_],
         random: np.random.Generator,
-    ) -> _Pair | None:
+    ) -> _Camera | None:
         """None where too few points are visible, or no homography is found."""
         visible = confidence > 0
         if visible.sum() < MIN_VALID:
@@ -157,10 +167,31 @@ class _Pair:
             return None
         planar = transfer_distance(homography, source, target)
         drawn = draw((visible & (border | (planar < HOMOGRAPHY_UNITS))).astype(float), random)
-        fundamental = fit_fundamental(source[drawn], target[drawn])
-        # without epipolar geometry the homography decides alone
+        return _Camera(homography, fit_fundamental(source[drawn], target[drawn]))
+
+
+def inverse(camera: _Camera | None) -> _Camera | None:
+    """The camera's motion the other way; None where there is none."""
+    if camera is None:
+        return None
+    back = np.linalg.inv(camera.homography).astype(np.float64)
+    return _Camera(back, None if camera.fundamental is None else camera.fundamental.T)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The camera between two frames, and how far each point is from it: [point], units, NaN where it is hidden."""
+
+    homography: Model
+    planar: Floats
+    epipolar: Floats
+
+    @staticmethod
+    def of(camera: _Camera, source: Floats, target: Floats, visible: npt.NDArray[np.bool_]) -> _Pair:
+        """Of points that lie at `source` in one frame and at `target` in the other."""
+        planar, fundamental = transfer_distance(camera.homography, source, target), camera.fundamental
         epipolar = planar / EPIPOLAR_SCALE if fundamental is None else sampson_distance(fundamental, source, target)
-        return _Pair(homography, np.where(visible, planar, np.nan), np.where(visible, epipolar, np.nan))
+        return _Pair(camera.homography, np.where(visible, planar, np.nan), np.where(visible, epipolar, np.nan))
 
     def parallax_share(self, border: npt.NDArray[np.bool_]) -> float:
         """Share of the visible points along the border that epipolar geometry explains and the homography does not."""
@@ -177,15 +208,21 @@ def near_border(xy: Floats, height: int, width: int) -> npt.NDArray[np.bool_]:
 
 
 def draw(weight: npt.NDArray[np.float64], random: np.random.Generator) -> npt.NDArray[np.int64]:
-    """At most `SAMPLE` indices, without repetition, with probability proportional to `weight` [point]."""
-    count = min(SAMPLE, int((weight > 0).sum()))
-    return random.choice(len(weight), count, replace=False, p=weight / weight.sum())
+    """At most `SAMPLE` indices, without repetition, with probability proportional to `weight` [point].
+
+    By exponential clocks whose rates are the weights: the first to ring are drawn (Efraimidis and Spirakis 2006).
+    """
+    possible = np.flatnonzero(weight > 0)
+    if len(possible) <= SAMPLE:
+        return possible
+    rings = random.standard_exponential(len(possible)) / weight[possible]
+    return possible[np.argpartition(rings, SAMPLE)[:SAMPLE]]
 
 
 def fit_homography(source: Floats, target: Floats) -> Model | None:
     """Robust homography of points [point, 2]; None where there is none."""
     matrix, _ = cv2.findHomography(source, target, cv2.RANSAC, HOMOGRAPHY_UNITS)
-    return None if matrix is None else matrix.astype(np.float64)
+    return None if matrix is None or abs(np.linalg.det(matrix)) < SINGULAR else matrix.astype(np.float64)
 
 
 def fit_fundamental(source: Floats, target: Floats) -> Model | None:
@@ -201,7 +238,8 @@ def fit_fundamental(source: Floats, target: Floats) -> Model | None:
 
 def transfer_distance(homography: Model, source: Floats, target: Floats) -> Floats:
     """Distance of `target` to where the homography leads from `source`, [point]."""
-    return np.linalg.norm(cv2.perspectiveTransform(source[None], homography)[0] - target, axis=-1)
+    x, y = (cv2.perspectiveTransform(source[None], homography)[0] - target).T
+    return np.sqrt(x * x + y * y)
 
 
 def sampson_distance(fundamental: Model, source: Floats, target: Floats) -> Floats:
@@ -240,7 +278,7 @@ def photometric_change(
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    difference = cv2.absdiff(undone, image).mean(axis=-1, dtype=np.float32)
+    difference = cv2.transform(cv2.absdiff(undone, image).astype(np.float32), np.full((1, 3), 1 / 3, np.float32))
     window = cv2.blur(difference, (CHANGE_WINDOW, CHANGE_WINDOW))
     change = bilinear(window, xy)[..., 0]
     x, y = cv2.perspectiveTransform(xy[None], homography)[0].T

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from decomotion.data.masks.auto import Mask
 from decomotion.errors import SupervisionError
 from decomotion.frame_files import decode_frame, images_in
 
@@ -17,27 +20,54 @@ JPEG_BLACK = 127
 """A JPEG's edges ring: what is not brighter than this is black."""
 
 
-def read_masks(folder: Path, frames: int, height: int, width: int) -> Mask:
-    """Masks [frame, H, W] from a folder of images, one a frame in natural order; any pixel that is not black moves.
+Mask = npt.NDArray[np.bool_]
 
-    Raises `SupervisionError` where they do not fit the clip.
+
+@dataclass(frozen=True)
+class MaskFiles(Sequence[Mask]):
+    """Masks [H, W], one a frame, each read when it is asked for."""
+
+    files: tuple[Path, ...]
+    sides: tuple[int, int]
+    """Height and width."""
+    digest: str
+    """Hash of what they show."""
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def __getitem__(self, frame: int) -> Mask:  # type: ignore[override]
+        """Raises `SupervisionError` where the file is none, or has another size."""
+        return _read(self.files[frame], self.sides)
+
+
+def read_masks(folder: Path, frames: int, height: int, width: int) -> MaskFiles:
+    """The masks in a folder of images, one a frame in natural order; any pixel that is not black moves.
+
+    All are looked at here, and none is kept. Raises `SupervisionError` where they do not fit the clip.
     """
     if not folder.is_dir():
         raise SupervisionError(f"mask folder {folder} does not exist; give a folder of images, 'auto' or 'none'")
     files = images_in(folder)
     if len(files) != frames:
         raise SupervisionError(f"mask folder {folder} has {len(files)} images but the clip has {frames} frames")
-    masks = []
+    content, moves = hashlib.sha256(), False
     for file in files:
-        image = decode_frame(file.read_bytes()) if file.is_file() else None
-        if image is None:
-            raise SupervisionError(f"mask {file} does not decode as an image; replace it")
-        mask = image.max(axis=-1) > (0 if file.suffix.lower() == ".png" else JPEG_BLACK)
-        if mask.shape != (height, width):
-            raise SupervisionError(
-                f"mask {file} is {mask.shape[1]}x{mask.shape[0]} but the clip is {width}x{height}; resize it"
-            )
-        masks.append(mask)
-    if not any(mask.any() for mask in masks):
+        mask = _read(file, (height, width))
+        content.update(np.packbits(mask).tobytes())
+        moves |= bool(mask.any())
+    if not moves:
         log.warning("all masks in %s are black: nothing moves", folder)
-    return np.stack(masks)
+    return MaskFiles(tuple(files), (height, width), content.hexdigest())
+
+
+def _read(file: Path, sides: tuple[int, int]) -> Mask:
+    image = decode_frame(file.read_bytes()) if file.is_file() else None
+    if image is None:
+        raise SupervisionError(f"mask {file} does not decode as an image; replace it")
+    mask = image.max(axis=-1) > (0 if file.suffix.lower() == ".png" else JPEG_BLACK)
+    if mask.shape != sides:
+        raise SupervisionError(
+            f"mask {file} is {mask.shape[1]}x{mask.shape[0]} but the clip is {sides[1]}x{sides[0]}; resize it"
+        )
+    return mask
