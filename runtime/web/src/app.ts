@@ -4,7 +4,7 @@ import { Clip, type ClipRecord } from "./clip";
 import type { Scene } from "./draw";
 import { type Place, gridCells, gridInside } from "./geometry";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
-import { Model } from "./model/client";
+import { type Files, Model } from "./model/client";
 import { InputError } from "./model/facts";
 import { type Draft, PointList, splitTracks } from "./points";
 import { PointRows } from "./ui/list";
@@ -43,12 +43,15 @@ export class App {
     });
   }
 
-  /** Opens a model; the former one and its points go, and the clip where it is not the new model's. */
-  async openModel(bytes: ArrayBuffer, name: string): Promise<void> {
+  /**
+   * Opens a model, or the `windows.json` of several; the former one and its points go, and the clip where it is not the
+   * new model's.
+   */
+  async openModel(path: string, files: Files): Promise<void> {
     const turn = ++this.opening;
-    this.view.loading(`Opening ${name} …`);
+    this.view.loading(`Opening ${path} …`);
     try {
-      const model = await Model.open(bytes, name);
+      const model = await Model.open(path, files);
       if (turn !== this.opening) {
         model.close();
         return;
@@ -70,7 +73,7 @@ export class App {
       this.keepClip();
       this.layer = this.clip ? "clip" : "fused";
       this.view.opened(model, this.clip !== undefined);
-      void model.tryWebgpu(bytes).then(() => {
+      void model.tryWebgpu().then(() => {
         if (model === this.model) this.view.facts(model, this.clip !== undefined);
       });
     } finally {
@@ -101,8 +104,9 @@ export class App {
     const { numFrames, occlusionThreshold } = model.facts;
     const start = performance.now();
     const queries = Float32Array.from(drafts.flatMap(({ t, x, y }) => [t, x, y]));
-    const onProgress = (done: number): void => {
-      if (drafts.length > 1) this.view.status(`${done} of ${drafts.length} points …`);
+    const what = drafts.length === 1 ? "the point" : `${drafts.length} points`;
+    const onProgress = (share: number): void => {
+      if (share < 1) this.view.status(`Following ${what} … ${Math.round(100 * share)} %`);
     };
     const answer = await model.track(queries, onProgress).catch((error: unknown) => {
       if (model === this.model) throw error;
@@ -115,11 +119,11 @@ export class App {
     if (first === undefined) return;
     this.select(first.id);
     const seen = first.track.occluded.filter((hidden) => !hidden).length;
-    const what =
+    const found =
       added.length === 1
         ? `${first.name} at (${first.x}, ${first.y}) of frame ${first.t}: in sight in ${seen} of ${numFrames} frames`
         : `${added.length} points in ${numFrames} frames`;
-    this.view.answered(`${what}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
+    this.view.answered(`${found}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
   }
 
   addAt(place: Place, t: number): Promise<void> {

@@ -60,6 +60,16 @@ describe("readFacts", () => {
     }
   });
 
+  it("reads how good the fit is, where the file says it", () => {
+    const figures = { links: 60, median: 0.5, p90: 1, median_pixels: 1, p90_pixels: 2, within_1: 0.5, within_2: 0.6, within_4: 0.7, own_error: 0.1 };
+    const quality = { steps: 900, thinned: null, all: figures, static: null, dynamic: null, gaps: [] };
+    const written = (text: string) => model({ ...METADATA, "decomotion.quality": text });
+    expect(readFacts(written(JSON.stringify(quality)), "m.onnx").quality?.all.median).toBe(0.5);
+    for (const wrong of ["", "[", "{}", JSON.stringify({ ...quality, steps: 0 })]) {
+      expect(refusal(written(wrong))).toContain("impossible metadata decomotion.quality");
+    }
+  });
+
   it("refuses what is no ONNX file", () => {
     expect(refusal(new TextEncoder().encode("hello, world"))).toContain("m.onnx is not an ONNX file");
     expect(refusal(new Uint8Array(0))).toContain("is not an ONNX file");

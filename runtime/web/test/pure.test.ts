@@ -1,6 +1,6 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
 import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
-import { LayerRenderer, nextWork, rasterSize, rays } from "../src/layers";
+import { LayerRenderer, nextWork, rasterSize, rays, roomFor } from "../src/layers";
 import type { Appearance } from "../src/model/protocol";
 import { PointList, type Track, colourOf, spans, splitTracks } from "../src/points";
 import { Player } from "../src/ui/player";
@@ -94,7 +94,7 @@ describe("layers", () => {
     const levels = [-1, -1, -1];
     const order: string[] = [];
     for (;;) {
-      const work = nextWork(1, 3, (frame) => levels[frame] ?? 9);
+      const work = nextWork(1, 3, 9, (frame) => levels[frame] ?? 9);
       if (work === undefined) break;
       order.push(`${work.frame}@${work.level}`);
       levels[work.frame] = work.level;
@@ -111,7 +111,7 @@ describe("the renderer of layers", () => {
   });
 
   /** A renderer whose requests wait for `step` and then seem to have taken so long that they stay short. */
-  function renderer() {
+  function renderer(numFrames = 2, room?: number, side = 512) {
     class Pixels {
       readonly data: Uint8ClampedArray;
       constructor(readonly width: number, readonly height: number) {
@@ -128,13 +128,31 @@ describe("the renderer of layers", () => {
       const seen = { rgb: three, rgb_static: three, rgb_dynamic: three, static_confidence: one, depth: one, static_opacity: one };
       return new Promise((resolve) => waiting.push(() => resolve(seen)));
     };
-    const made = new LayerRenderer(facts, render, () => {}, (error) => expect.fail(String(error)));
+    const made = new LayerRenderer({ ...facts, numFrames, width: side, height: side }, render, () => {}, (error) => expect.fail(String(error)), room);
     const step = async (): Promise<void> => {
       for (const answer of waiting.splice(0)) answer();
       await new Promise((done) => setTimeout(done));
     };
-    return { made, step };
+    return { made, step, asked: () => waiting.length };
   }
+
+  it("makes and keeps the frames next to come, as many as there is room for", async () => {
+    const { made, step, asked } = renderer(3600, 3, 40);
+    const kept = (): number[] => Array.from({ length: 3600 }, (_, frame) => frame).filter((frame) => made.get(frame) !== undefined);
+    for (const [shown, expected] of [[20, [20, 21, 22]], [3599, [0, 1, 3599]]] as const) {
+      made.get(shown);
+      for (let quiet = 0; quiet < 3; quiet = asked() === 0 ? quiet + 1 : 0) await step();
+      expect(kept()).toEqual(expected);
+    }
+  });
+
+  it("has room for no more than half a gigabyte", () => {
+    for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
+      const finest = rasterSize({ width, height }, 2);
+      const bytes = 5 * 4 * finest.width * finest.height;
+      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 29 / bytes));
+    }
+  });
 
   it("goes on with a raster where it was left when another frame was shown", async () => {
     const { made, step } = renderer();

@@ -1,6 +1,7 @@
 /** What an exported .onnx file says about itself, read from its bytes without onnxruntime. */
 
 import { FORMAT_VERSION, INPUTS, REQUIRED_OUTPUTS } from "./contract";
+import { type Quality, readQuality } from "./quality";
 
 const WRITE_ONE = "write one with 'decomo-export'";
 
@@ -16,6 +17,8 @@ export interface ModelFacts {
   readonly preset: string;
   /** A point is occluded where its occlusion score is above this. */
   readonly occlusionThreshold: number;
+  /** How good the fit is; absent of files that do not say. */
+  readonly quality?: Quality | undefined;
 }
 
 /** Bad input: the text is one sentence that says what is wrong and what to do. */
@@ -64,6 +67,16 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     }
     return times as number[];
   };
+  const quality = (): Quality | undefined => {
+    const said = file.metadata.get("decomotion.quality");
+    if (said === undefined) return undefined;
+    try {
+      return readQuality(parsed(said));
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      throw new InputError(`${name} has the impossible metadata decomotion.quality (${error.message}); export the model again.`);
+    }
+  };
   const count = (value: number): boolean => Number.isInteger(value) && value >= 1;
   const numFrames = number("num_frames", count);
   const fps = number("fps", (value) => value > 0 && Number.isFinite(value));
@@ -76,6 +89,7 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     times: seconds(numFrames, fps),
     preset: text("preset"),
     occlusionThreshold: number("occlusion_threshold", (value) => value >= 0 && value <= 1),
+    quality: quality(),
   };
 }
 

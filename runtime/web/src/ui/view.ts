@@ -5,6 +5,7 @@ import type { Layer } from "../layers";
 import { LAYERS } from "../layers";
 import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
+import { summary, warning } from "../model/quality";
 import type { PointList } from "../points";
 import { element, make } from "./dom";
 import { Stage } from "./stage";
@@ -73,12 +74,21 @@ export class View {
 
   /** Says what is open, and how it runs. */
   facts(model: Model, hasClip: boolean): void {
-    const { clipName, numFrames, width, height, preset } = model.facts;
+    const { clipName, numFrames, width, height, preset, quality } = model.facts;
+    const count = model.windows.length;
+    const windows = count > 1 ? ` in ${count} windows` : "";
     const threads = `${model.threads} thread${model.threads === 1 ? "" : "s"}`;
     const layers = model.backend === "webgpu" ? ", layers on WebGPU" : "";
     element("facts", HTMLParagraphElement).textContent =
-      `${clipName} · ${numFrames} frames of ${width}×${height} · preset ${preset} · WebAssembly, ${threads}${layers}` +
+      `${clipName} · ${numFrames} frames of ${width}×${height}${windows} · preset ${preset} · WebAssembly, ${threads}${layers}` +
       (hasClip ? "" : " · without its clip");
+    const said = quality && warning(quality);
+    const paragraph = element("quality", HTMLParagraphElement);
+    paragraph.hidden = quality === undefined;
+    paragraph.replaceChildren(
+      quality ? asSentence((count > 1 ? "in the worst window, " : "") + summary(quality)) : "",
+      ...(said === undefined ? [] : [" ", make("strong", {}, asSentence(`${said}; fit for longer with decomo-train --resume`))]),
+    );
     document.title = `${clipName} · DecoMotion`;
   }
 
@@ -167,3 +177,5 @@ export class View {
     element("trail-length", HTMLOutputElement).value = trail === 0 ? "none" : `${trail} frame${trail === 1 ? "" : "s"}`;
   }
 }
+
+const asSentence = (text: string): string => `${text[0]?.toUpperCase()}${text.slice(1)}.`;
