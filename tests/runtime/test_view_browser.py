@@ -29,7 +29,7 @@ from playwright.sync_api import expect
 from view_page import ViewPage, opened, served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Route
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 
@@ -411,8 +411,13 @@ def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for number, (begin, length) in enumerate(zip(begins, LENGTHS, strict=True))
     )
     for window, (x, y) in zip(windows, VELOCITIES, strict=True):
-        size = {"num_frames": len(window), "height": HEIGHT, "width": WIDTH}
-        write_tiny_model(folder / f"{window.name}.onnx", **size, rename={"{1.5, -0.5}": f"{{{x}, {y}}}"})
+        write_tiny_model(
+            folder / f"{window.name}.onnx",
+            num_frames=len(window),
+            height=HEIGHT,
+            width=WIDTH,
+            rename={"{1.5, -0.5}": f"{{{x}, {y}}}"},
+        )
     qualities = (None, quality(0.5), quality(2.5), None, None)
     Windows("walk", 48, HEIGHT, WIDTH, 12.5, windows, quality=qualities).save(folder / FILE_NAME)
     return folder
@@ -448,6 +453,40 @@ def test_a_model_folder_answers_as_the_runtime_does(chromium: Browser, model_fol
                     break
                 view.page.wait_for_timeout(50)
             np.testing.assert_allclose(view.colour_at(10, 8), colour, atol=0.02)
+
+
+def test_a_point_is_shown_while_windows_far_from_it_are_still_to_come(
+    chromium: Browser, model_folder: Path, tmp_path: Path
+):
+    (tmp_path / "clip").mkdir()
+    for frame in range(48):
+        cv2.imwrite(str(tmp_path / "clip" / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), 5 * frame, np.uint8))
+    with opened(chromium, tmp_path / "site", model_folder, tmp_path / "clip") as view:
+        held: list[Route] = []
+        third = "**/window-002.onnx"
+        view.page.route(third, lambda route: held.append(route))
+        view.seek(2)
+        view.click(20, 21)
+        np.testing.assert_allclose(view.where_drawn(), (20, 21), atol=0.5)
+        expect(view.page.locator("#status")).to_contain_text("Following the point")
+        expect(view.page.locator("[data-save='tracks.npz']")).to_be_disabled()
+        name = view.rows.nth(0).locator("input[type=text]")
+        name.fill("left ey")
+        view.page.wait_for_timeout(100)
+        held.pop().continue_()
+        tracks = view.tracks(tmp_path)
+        expect(name).to_have_value("left ey")
+        expected = Tracker(model_folder).track(tracks.queries)
+        np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-2)
+        seen = np.count_nonzero(~expected.occluded)
+        expect(view.rows.nth(0).locator("small")).to_have_text(f"{seen}/48")
+        view.page.unroute(third)
+        view.page.route(third, lambda route: route.abort())
+        view.seek(3)
+        view.stage.click(position={"x": 5, "y": 5})
+        view.expect_alert("model/window-002.onnx cannot be loaded from where the page lies")
+        expect(view.rows).to_have_count(1)
+        view.complaints.clear()  # of the browser, that it was not loaded
 
 
 def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_folder: Path, tmp_path: Path):

@@ -28,6 +28,25 @@ describe("the list of points", () => {
     expect(points.canUndo).toBe(false);
   });
 
+  it("takes later tracks, and points back that were not to be followed, as if it had always been so", () => {
+    const points = new PointList();
+    const later: Track = { xy: Float32Array.of(7, 8), occlusion: Float32Array.of(1), occluded: [true] };
+    const first = points.add([draft(1)], [TRACK]);
+    const others = points.add([draft(2), draft(3)], [TRACK, TRACK]);
+    points.change(1, { name: "eye" });
+    points.undo();
+    points.retrack(first, [later]);
+    points.forget(others);
+    const names = () => points.all.map(({ name, track }) => [name, track]);
+    expect(names()).toEqual([["Point 1", later]]);
+    points.redo();
+    expect(names()).toEqual([["eye", later]]);
+    for (const expected of [1, 1, 0]) {
+      points.undo();
+      expect(points.all).toHaveLength(expected);
+    }
+  });
+
   it("gives neighbours colours that differ", () => {
     const colours = Array.from({ length: 12 }, (_, id) => colourOf(id));
     expect(new Set(colours).size).toBe(12);

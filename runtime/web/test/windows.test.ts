@@ -115,6 +115,21 @@ describe("a point in a clip of several windows", () => {
     expect(asked).toEqual([1, 0]);
   });
 
+  it("is told of as its windows answer, its own first", async () => {
+    const windows = windowsOf([0, 20], [15, 31], [31, 42], [37, 50]);
+    const known: number[][] = [];
+    const ask = async (_: number, queries: Float32Array, at: readonly number[]): Promise<Tracked> => {
+      const rays = (queries.length / 3) * at.length;
+      return { tracks: new Float32Array(2 * rays), occlusion: new Float32Array(rays) };
+    };
+    await follow(windows, Float32Array.of(45, 1, 1), ask, ({ tracks, occlusion }) => {
+      const answered = frames(0, 50).filter((frame) => !Number.isNaN(tracks[2 * frame]));
+      expect(frames(0, 50).filter((frame) => occlusion[frame] === 0).every((frame) => answered.includes(frame))).toBe(true);
+      known.push([answered[0]!, answered.at(-1)!]);
+    });
+    expect(known).toEqual([[37, 49], [0, 49]]); // before the cut it is nowhere else
+  });
+
   it("is at home where its frame is farther from either end", () => {
     const windows = windowsOf([0, 20], [14, 34], [34, 50]);
     expect([0, 16, 17, 33, 34, 49].map((frame) => home(windows, frame))).toEqual([0, 0, 1, 1, 2, 2]);

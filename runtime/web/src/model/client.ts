@@ -80,14 +80,17 @@ export class Model {
     return this.wasm.threads;
   }
 
-  /** Follows `queries` [N, 3], rows of (t, x, y), through every frame; `onProgress` hears what share of it is done. */
-  async track(queries: Float32Array, onProgress?: (share: number) => void): Promise<Tracked> {
+  /**
+   * Follows `queries` [N, 3], rows of (t, x, y), through every frame; `onProgress` hears what share of it is done,
+   * `onPart` what is answered so far, as `follow` says it.
+   */
+  async track(queries: Float32Array, onProgress?: (share: number) => void, onPart?: (part: Tracked) => void): Promise<Tracked> {
     let done = 0;
     const onRays = (rays: number): void => {
       done += rays; // some frames are asked for twice, since windows share them
       onProgress?.(Math.min(1, done / ((queries.length / 3) * this.facts.numFrames)));
     };
-    return follow(this.windows, queries, (number, part, asked) => this.ask(number, part, asked, onRays));
+    return follow(this.windows, queries, (number, part, asked) => this.ask(number, part, asked, onRays), onPart);
   }
 
   /**

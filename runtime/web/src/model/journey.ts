@@ -24,9 +24,17 @@ interface Traveller {
   readonly y: number;
 }
 
-/** Follows `queries` [N, 3], rows of (t, x, y), through every frame of the clip. */
-export async function follow(windows: readonly Window[], queries: Float32Array, ask: Ask): Promise<Tracked> {
-  const journey = new Journey(windows, queries.length / 3, ask);
+/**
+ * Follows `queries` [N, 3], rows of (t, x, y), through every frame of the clip. `onPart` hears what is answered so far,
+ * the rest hidden at NaN, whenever points have gone through another window: their own first.
+ */
+export async function follow(
+  windows: readonly Window[],
+  queries: Float32Array,
+  ask: Ask,
+  onPart: (part: Tracked) => void = () => {},
+): Promise<Tracked> {
+  const journey = new Journey(windows, queries.length / 3, ask, onPart);
   const travellers = frames(0, queries.length / 3).map((row) => {
     const [t = 0, x = 0, y = 0] = queries.subarray(3 * row, 3 * row + 3);
     return { row, t, x, y };
@@ -51,10 +59,11 @@ class Journey {
     private readonly windows: readonly Window[],
     points: number,
     private readonly ask: Ask,
+    private readonly onPart: (part: Tracked) => void,
   ) {
     this.numFrames = windows.at(-1)?.end ?? 0;
     const occlusion = new Float32Array(points * this.numFrames).fill(1);
-    this.answer = { tracks: new Float32Array(points * this.numFrames * 2), occlusion };
+    this.answer = { tracks: new Float32Array(points * this.numFrames * 2).fill(Number.NaN), occlusion };
   }
 
   /** Follows all points that enter a window from the one before it in the direction `step`. */
@@ -97,6 +106,7 @@ class Journey {
         }
       }
     });
+    this.onPart(this.answer);
   }
 
   private put(row: number, frame: number, place: Float32Array, occlusion: number): void {

@@ -127,14 +127,15 @@ export class View {
     play.ariaLabel = playing ? "Pause" : "Play";
   }
 
-  points(points: PointList): void {
+  /** `unfinished`: some are still being followed, and none can be saved. */
+  points(points: PointList, unfinished = false): void {
     const count = points.all.length;
     element("count", HTMLSpanElement).textContent = String(count);
     element("no-points", HTMLParagraphElement).hidden = count > 0;
     element("undo", HTMLButtonElement).disabled = !points.canUndo;
     element("redo", HTMLButtonElement).disabled = !points.canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
-    element("save", HTMLFieldSetElement).disabled = count === 0;
+    element("save", HTMLFieldSetElement).disabled = count === 0 || unfinished;
   }
 
   loading(text: string | undefined): void {
