@@ -165,6 +165,17 @@ describe("the renderer of layers", () => {
     }
   });
 
+  it("keeps few of the rasters that it gave up, however many frames are passed by", async () => {
+    const { made, step } = renderer(3600);
+    for (let frame = 0; frame < 30; frame++) {
+      for (const _ of Array(48 ** 2 / 128 + 8)) {
+        made.get(frame);
+        await step();
+      }
+    }
+    expect(Reflect.get(made, "begun").size).toBe(12);
+  });
+
   it("has room for no more than half a gigabyte", () => {
     for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
       const finest = rasterSize({ width, height }, 2);

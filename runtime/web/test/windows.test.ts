@@ -93,9 +93,10 @@ describe("a point in a clip of several windows", () => {
       const { x } = await standing(windows, () => 0.9, 1).track([t, 50, 5]);
       const away = frames(0, 40).map((frame) => Math.abs(x[0]![frame]! - (50 + 2 * (frame - t))));
       expect(Math.max(...away)).toBe(1);
-      const surer = await standing(windows, (_, frame) => Math.abs(frame - 17) / 100, 1).track([t, 50, 5]);
-      expect(surer.x[0]![t]).toBe(50);
     }
+    const hidden: Hidden = (origin, frame) => (frame === (origin < 1.5 ? 15 : 14) ? 0 : 0.4);
+    const { x } = await standing(windowsOf([0, 20], [5, 21], [8, 40]), hidden, 1).track([2, 5, 5]);
+    expect(x[0]![39]).toBe(5 + 2 * 37 + 2); // through the second at 15, where it entered it, not at 14
   });
 
   it("is not followed across a cut: it stays, hidden", async () => {
@@ -133,6 +134,7 @@ describe("a point in a clip of several windows", () => {
   it("is at home where its frame is farther from either end", () => {
     const windows = windowsOf([0, 20], [14, 34], [34, 50]);
     expect([0, 16, 17, 33, 34, 49].map((frame) => home(windows, frame))).toEqual([0, 0, 1, 1, 2, 2]);
+    expect([15, 16, 17].map((frame) => home(windowsOf([0, 20], [13, 34]), frame))).toEqual([0, 0, 1]); // 16 is in the middle
   });
 });
 
