@@ -14,8 +14,6 @@ series goes on after an interruption, in another session, or with more clips. `b
 from __future__ import annotations
 
 import functools
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -34,6 +32,7 @@ from decomotion.data.prepare import prepare
 from harness.clips import BenchmarkClip, read_clips
 from harness.records import Record, config_digest, is_done, provenance, score_clip, write_record
 from harness.series import Row, read_series
+from harness.usage import StageError, measured, toolkit
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -56,21 +55,6 @@ class Job:
         return root / self.row.name / f"{self.clip}-seed{self.seed}{suffix}"
 
 
-class StageError(RuntimeError):
-    """A command of a fit failed; it has said why."""
-
-
-def run_stage(*command: str) -> Record:
-    """Runs one command; wall seconds and peak resident memory in GiB."""
-    begin = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise StageError(f"{' '.join(command)} failed")
-    return {"seconds": round(time.monotonic() - begin, 1), "peak_rss_gib": round(usage.ru_maxrss / 2**20, 2)}
-
-
 def fit(job: Job, clip: BenchmarkClip, work: Path) -> Record:
     """Trains, exports and scores one model; what its record says of that."""
     here, row = job.place(work), job.row
@@ -83,12 +67,11 @@ def fit(job: Job, clip: BenchmarkClip, work: Path) -> Record:
     budget = ["--steps", str(row.steps)] if row.steps else ["--time-budget", str(row.time_budget)]
     options = ["--preset", row.preset, *budget, "--seed", str(job.seed), *["--rebuild-cache"] * row.rebuild_cache]
     overrides = [part for override in row.overrides for part in ("--set", override)]
-    python = (sys.executable, "-m")
-    stages["train"] = run_stage(*python, "decomotion.cli", str(frames), "--out", str(folder), *options, *overrides)
+    stages["train"] = measured(toolkit("decomo-train", frames, "--out", folder, *options, *overrides))
     fitted = checkpoint.load(folder / checkpoint.FILE_NAME)
     training, quality = fitted.training, None if fitted.quality is None else asdict(fitted.quality)
     stages["train"] |= {"prepare_seconds": round(training["prepared"], 1), "steps": training["step"]}
-    stages["export"] = run_stage(*python, "decomo_export.cli", str(model), "--run", str(folder))
+    stages["export"] = measured(toolkit("decomo-export", model, "--run", folder))
     begin = time.monotonic()
     scores = score_clip(clip, functools.partial(from_model, model, clip.video))
     stages["score"] = {"seconds": round(time.monotonic() - begin, 1)}

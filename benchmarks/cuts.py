@@ -86,12 +86,13 @@ def _square(frames: Frames) -> Frames:
 def read_sets(shared: Path) -> dict[str, Clips]:
     """Clips by the set the table speaks of; `films` are of 40 frames."""
     small = {
-        name: video.frames()
+        name: np.asarray(video.frames())
         for file in ("tapvid_davis32_dev.pkl", "tapvid_davis32_dev2.pkl")
         for name, video in read_dataset(shared / "data" / file).items()
     }
-    films = {name: read_clip(f"{shared}/data/clips/{name}.mp4@0:40").frames for name in ("cat", "apple")}
-    full = {path.name: read_clip(path).frames for path in sorted((shared / "data/davis480p/frames").iterdir())}
+    films = {name: np.asarray(read_clip(f"{shared}/data/clips/{name}.mp4@0:40").frames) for name in ("cat", "apple")}
+    folders = sorted((shared / "data/davis480p/frames").iterdir())
+    full = {path.name: np.asarray(read_clip(path).frames) for path in folders}
     drawn = {f"seed{seed}": generate(seed, PROCEDURAL_FRAMES, PROCEDURAL_SIZE).video for seed in UNSEEN_SEEDS}
     return {"256x256": small, "films": films, "854x480": full, "procedural": drawn}
 

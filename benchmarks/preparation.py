@@ -12,9 +12,7 @@ import json
 import os
 import resource
 import tempfile
-import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -27,6 +25,7 @@ from decomotion.clip import Clip, read_clip
 from decomotion.data.batch import Sampler
 from decomotion.data.prepare import prepare_in_stages
 from decomotion.memory import kept_memory
+from harness.usage import Watch, memory_of
 
 MIB = 2**20
 DRAWS = 100
@@ -42,38 +41,6 @@ def lengthened(clip: Clip, frames: int, size: tuple[int, int]) -> Clip:
     return Clip(clip.name, np.stack([resized[number] for number in order]).astype(np.uint8), clip.fps)
 
 
-class Watch:
-    """The most that a folder takes on disk while it is watched, in bytes; and the process's memory."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._stop = folder, threading.Event()
-        self.disk = self.anonymous = 0
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stop.wait(0.5):
-            size = 0
-            for file in self._folder.rglob("*"):
-                with suppress(OSError):
-                    size += file.stat().st_blocks * 512
-            self.disk = max(self.disk, size)
-            self.anonymous = max(self.anonymous, anonymous_memory())
-
-    def finish(self) -> None:
-        self._stop.set()
-        self._thread.join()
-
-
-def anonymous_memory() -> int:
-    """Bytes of memory that no file backs: what cannot be dropped where memory is short. 0 where not known."""
-    with suppress(OSError):
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("RssAnon:"):
-                return int(line.split()[1]) * 1024
-    return 0
-
-
 @click.command(context_settings={"show_default": True})
 @click.argument("clip", type=click.Path(exists=True))
 @click.option("--frames", default=100)
@@ -85,10 +52,10 @@ def main(clip: str, frames: int, size: str, preset: str, overrides: tuple[str, .
     width, height = (int(side) for side in size.split("x"))
     config = configuration.load(preset, overrides=overrides)
     longer = lengthened(read_clip(clip), frames, (width, height))
-    before = anonymous_memory()
+    before = memory_of([os.getpid()]).anonymous
     with tempfile.TemporaryDirectory(dir=os.environ.get("DECOMO_CACHE")) as folder:
         os.environ["DECOMO_CACHE"] = folder
-        watch = Watch(Path(folder))
+        watch = Watch(os.getpid(), [Path(folder)])
         begin = time.perf_counter()
         with kept_memory():  # as the commands do
             prepared = prepare_in_stages(longer, config.data, progress=False)
@@ -111,7 +78,7 @@ def main(clip: str, frames: int, size: str, preset: str, overrides: tuple[str, .
             "pool_mib": sum(stage.bytes for stage in prepared.stages) / MIB,
             "disk_peak_mib": watch.disk / MIB,
             "memory_mib": {
-                "frames": longer.frames.nbytes / MIB,
+                "frames": float(np.prod(longer.frames.shape)) / MIB,
                 "before": before / MIB,
                 "peak": watch.anonymous / MIB,
                 "peak_with_mapped_files": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,

@@ -23,13 +23,14 @@ import numpy as np
 
 from decomo_runtime import Tracker, render
 from decomotion.console import run
+from decomotion.frames import AnyFrames
 from harness.clips import read_clips
 from harness.models import model_files
 from harness.pictures import intersection_over_union, psnr
 from harness.records import Record, is_done, provenance, write_record
 
 
-def measure(tracker: Tracker, clip: np.ndarray, truth: np.ndarray, frames: range) -> Record:
+def measure(tracker: Tracker, clip: AnyFrames, truth: np.ndarray, frames: range) -> Record:
     """`psnr` in dB and `mask_iou` over `frames` of the clip [T, H, W, 3] and its true masks [T, H, W]."""
     noise, overlap = [], []
     for frame in frames:

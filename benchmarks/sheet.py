@@ -21,6 +21,7 @@ from decomo_runtime.pictures import flattened, tiled
 from decomo_runtime.removal import remove_objects
 from decomotion.console import run
 from decomotion.files import replacing
+from decomotion.frames import AnyFrames
 from decomotion.images import jpeg
 from harness.clips import read_clips
 from harness.models import model_files
@@ -48,7 +49,7 @@ def main(dataset: str, models: tuple[Path, ...], out: Path, frames: str, width: 
         click.echo(f"wrote {picture}")
 
 
-def sheet(tracker: Tracker, video: np.ndarray, wanted: list[int], width: int) -> np.ndarray:
+def sheet(tracker: Tracker, video: AnyFrames, wanted: list[int], width: int) -> np.ndarray:
     """The sheet of one clip [T, H, W, 3], `width` pixels wide: RGB."""
     pictures = []
     for frame, removed in zip(wanted, remove_objects(tracker, video, wanted), strict=True):

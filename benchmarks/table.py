@@ -17,19 +17,11 @@ import click
 
 from decomo_eval.query_mode import QUERY_MODES
 from decomotion.console import run
+from harness.markdown import head, line
 from harness.records import Record, read_records
 from harness.summary import AJ, COLUMNS, POSITION, ClipValues, by_clip, by_seed, differences, means, worst
 
 COMPARED = (AJ, POSITION)
-
-
-def line(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def head(titles: list[str]) -> Iterator[str]:
-    yield line(titles)
-    yield "|---" * len(titles) + "|"
 
 
 def row_table(rows: dict[str, list[Record]], query_mode: str, baseline: ClipValues | None) -> Iterator[str]:

@@ -17,10 +17,11 @@ from decomotion.files import replacing
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
 from decomotion.quality import Quality, parse
+from decomotion.record import CHECKPOINT
 from decomotion.times import is_steady
 
 FORMAT_VERSION = 2
-FILE_NAME = "checkpoint.pt"
+FILE_NAME = CHECKPOINT
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from decomotion.console import interrupt_flag, run
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
-from decomotion.options import Duration, Supervision, seed_option, supervision_options
+from decomotion.options import Duration, Supervision, seed_option, supervision_options, window_options
 
 if TYPE_CHECKING:
     from decomotion.clip import Clip
@@ -45,23 +45,6 @@ OF_THE_WHOLE = (*MAY_RESUME_WITH[:-6], *MAY_RESUME_WITH[-5:])
 """Options that are not those of a window, which `--device` is."""
 FILES = ("file", "flow_weights", "feature_weights")
 """Options that name files, which machines of a cluster find by their full names."""
-AUTO, ALL = "auto", "all"
-
-
-class WindowLength(click.ParamType):
-    """Frames of a window: a number, `auto` or `all`."""
-
-    name = "auto|all|N"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
-        """Parses; what is already a number passes."""
-        from decomotion.windows import SHORTEST
-
-        if value in (AUTO, ALL) or isinstance(value, int):
-            return value
-        if not str(value).isdecimal() or int(str(value)) < SHORTEST:
-            self.fail(f"{value!r} is neither {AUTO}, {ALL} nor a number of frames from {SHORTEST} on", param, ctx)
-        return int(str(value))
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -75,19 +58,7 @@ class WindowLength(click.ParamType):
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @supervision_options
-@click.option(
-    "--shots",
-    type=click.Choice(["stop", "split", "ignore"]),
-    default="stop",
-    help="Where the clip cuts to another shot: stop and say where, begin a new window, or fit across.",
-)
-@click.option(
-    "--window",
-    type=WindowLength(),
-    default=AUTO,
-    help=f"Frames that are fitted as one; a longer clip becomes windows that overlap. {AUTO}: 100 of a clip of more "
-    f"than 128, {ALL}: the whole clip.",
-)
+@window_options
 @engine_options("windows")
 @click.option("--resume", is_flag=True, help="Continue the run in --out where it stopped.")
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
@@ -125,8 +96,7 @@ def command(
     folder = out if out is not None else Path("runs") / frames.name
     check_folder("--out", folder)
 
-    from decomotion.data.cuts import find_cuts
-    from decomotion.long_clip import check_no_files, check_one_shot, fit_windows, read_windows, windows_of
+    from decomotion.long_clip import check_no_files, fit_windows, lay_out, read_windows
     from decomotion.windows import FILE_NAME
 
     config = None
@@ -142,11 +112,7 @@ def command(
             config = supervision.config()
         if resume and config is not None and not _are_the_runs(folder, config, seed, rebuild_cache):
             raise ConfigError(_resume_refused(decided))
-        if shots == "stop" and not resume:
-            check_one_shot(frames)
-        cuts = find_cuts(frames.frames) if shots == "split" else []
-        longest = None if window == AUTO else len(frames) if window == ALL else int(window)
-        layout = windows_of(frames, longest, cuts)
+        layout = lay_out(frames, window, "ignore" if resume and shots == "stop" else shots)
         if resume or len(layout.windows) == 1:
             by_default = config is not None and not resume and config.preset in MINUTES
             if by_default and time_budget is None and steps is None:

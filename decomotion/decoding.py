@@ -64,6 +64,8 @@ def _seconds(packet: Packet) -> float | None:
 
 def mark(frame: VideoFrame) -> int:
     """A checksum of some rows of the picture as it is coded: frames that decode otherwise have another."""
+    if frame.planes[0].line_size < 0:  # from the lowest row up, as in old AVIs, which leads out of PyAV's buffer
+        frame = frame.reformat(format="gray")
     plane, form = frame.planes[0], frame.format
     bits = form.components[0].bits if form.is_planar else form.padded_bits_per_pixel
     content = np.frombuffer(memoryview(plane), np.uint8)

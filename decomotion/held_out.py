@@ -30,6 +30,8 @@ DRAWS = 1500
 """Links that are looked at for each of `GAPS`, those without a known target among them."""
 NEAR = 4.0
 """Units from where a link ends to the point whose link leads back, at most."""
+FARTHEST = 1e6
+"""Units that a model is off at most; one that leads nowhere is off by as much."""
 AT_ONCE = 256
 """Links whose rays are rendered at a time."""
 
@@ -41,7 +43,7 @@ class HeldOut:
         self._pool = pool
         side = LONGER_SIDE // PATCH
         self._patches = generator(seed, "held out").random((pool.num_frames, side, side)) < SHARE
-        self.points = self.holds(np.arange(pool.num_frames)[:, None], pool.points)
+        self.points = np.stack([self.holds(np.array(frame), xy) for frame, xy in enumerate(pool.points)])
         """bool [frame, point]: the points in such places."""
 
     def holds(self, frame: npt.NDArray[np.integer], xy: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
@@ -81,7 +83,8 @@ def measure(model: DecoMotion, pool: Pool, held_out: HeldOut, *, seed: int, step
     if not len(links.frame):
         return None
     led_to, is_static = _followed(model, links)
-    error = np.linalg.norm(led_to - links.target_xy, axis=-1) / unit(pool.longer_side)
+    error = np.linalg.norm(led_to.astype(np.float64) - links.target_xy, axis=-1) / unit(pool.longer_side)
+    error = np.nan_to_num(error, nan=FARTHEST).clip(max=FARTHEST)
     gap = np.abs(links.target - links.frame)
 
     def figures(which: npt.NDArray[np.bool_]) -> Figures | None:

@@ -4,6 +4,7 @@ RUN/windows.json               the clip, its windows, and what they are fitted w
 RUN/window-000/                a run, as of a clip that is one window
 RUN/window-000/log.txt         what decomo-train printed, where several windows are fitted at a time
 
+This process only looks on, without torch: it takes little memory beside a fit.
 A window that is finished is not fitted again, and one that was stopped goes on, however often the command is given.
 """
 
@@ -20,7 +21,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from decomotion import checkpoint, record
+from decomotion import record
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.cuts import find_cuts
@@ -29,6 +30,8 @@ from decomotion.errors import CheckpointError, ClipError, ConfigError, TrainingE
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome, run_stages
+from decomotion.options import WHOLE
+from decomotion.presets import AUTO
 from decomotion.times import is_steady
 from decomotion.windows import FILE_NAME, Windows, split
 
@@ -52,6 +55,18 @@ def check_one_shot(clip: Clip) -> None:
             f"{clip.name} cuts to another shot at frame{many} {', '.join(map(str, cuts))}, and no motion leads across; "
             "fit each shot by itself with --shots split, or take it as one shot with --shots ignore"
         )
+
+
+def lay_out(clip: Clip, window: int | str, shots: str) -> Windows:
+    """The windows of a clip as the options of commands say it (`decomotion.options.window_options`).
+
+    Raises `ClipError` where `shots` is `stop` and the clip has cuts, or a shot has a single frame.
+    """
+    if shots == "stop":
+        check_one_shot(clip)
+    cuts = find_cuts(clip.frames) if shots == "split" else []
+    longest = {AUTO: None, WHOLE: len(clip)}[window] if isinstance(window, str) else window
+    return windows_of(clip, longest, cuts)
 
 
 def windows_of(clip: Clip, longest: int | None, cuts: Sequence[int]) -> Windows:
@@ -118,7 +133,7 @@ class WindowTask:
     def is_finished(self) -> bool:
         """Whether its budget is spent."""
         found = record.read_record(self.folder)
-        return found is not None and found.finished and (self.folder / checkpoint.FILE_NAME).is_file()
+        return found is not None and found.finished and (self.folder / record.CHECKPOINT).is_file()
 
 
 def fit_windows(
@@ -205,7 +220,7 @@ def _claim(folder: Path, clip: Clip, layout: Windows, options: Sequence[str]) ->
         raise CheckpointError(
             f"{folder} was begun with another {' and '.join(different)}; give those again, --resume, or another --out"
         )
-    for former in (checkpoint.FILE_NAME, record.FILE_NAME, "config.yaml"):
+    for former in (record.CHECKPOINT, record.FILE_NAME, "config.yaml"):
         (folder / former).unlink(missing_ok=True)
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+WHOLE = "all"
+"""A window that is the whole clip."""
+
 
 class Duration(click.ParamType):
     """Seconds from text such as `90`, `90s`, `10m` or `1.5h`."""
@@ -33,6 +36,22 @@ class Duration(click.ParamType):
         if match is None or float(match[1]) <= 0:
             self.fail(f"{value!r} is not a duration; write for example 90s, 10m or 1.5h", param, ctx)
         return float(match[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[match[2]]
+
+
+class WindowLength(click.ParamType):
+    """Frames of a window: a number, `auto` or `all`."""
+
+    name = "auto|all|N"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+        """Parses; what is already a number passes."""
+        from decomotion.windows import SHORTEST
+
+        if value in (AUTO, WHOLE) or isinstance(value, int):
+            return value
+        if not str(value).isdecimal() or int(str(value)) < SHORTEST:
+            self.fail(f"{value!r} is neither {AUTO}, {WHOLE} nor a number of frames from {SHORTEST} on", param, ctx)
+        return int(str(value))
 
 
 @dataclass(frozen=True)
@@ -118,3 +137,21 @@ def supervision_options(command: Function) -> Function:
     for option in reversed(SUPERVISION_OPTIONS):
         command = option(command)
     return command
+
+
+def window_options(command: Function) -> Function:
+    """Adds `shots` and `window` to a command: what a clip is cut into (`decomotion.long_clip.lay_out`)."""
+    shots = click.option(
+        "--shots",
+        type=click.Choice(["stop", "split", "ignore"]),
+        default="stop",
+        help="Where the clip cuts to another shot: stop and say where, begin a new window, or go on across.",
+    )
+    window = click.option(
+        "--window",
+        type=WindowLength(),
+        default=AUTO,
+        help=f"Frames that are fitted as one; a longer clip becomes windows that overlap. {AUTO}: 100 of one of more "
+        f"than 128, {WHOLE}: the whole clip.",
+    )
+    return shots(window(command))

@@ -5,12 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from decomotion.console import run
-from decomotion.options import Supervision, seed_option, supervision_options
+from decomotion.options import Supervision, seed_option, supervision_options, window_options
+
+if TYPE_CHECKING:
+    from decomotion.clip import Clip
+    from decomotion.data.prepare import Preparation
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -20,10 +24,21 @@ from decomotion.options import Supervision, seed_option, supervision_options
 @click.option("--rebuild-cache", is_flag=True, help="Prepare anew what is there already.")
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
 @seed_option
-def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, seed: int, **options: Any) -> None:
+@window_options
+def command(
+    clip: Path,
+    preview: Path | None,
+    rebuild_cache: bool,
+    device: str,
+    seed: int,
+    shots: str,
+    window: int | str,
+    **options: Any,
+) -> None:
     """Prepare the supervision of CLIP, a folder of frames or a video file; CLIP@A:B takes frames A up to but without B.
 
     decomo-train with the same options finds it, and so does a second call of this command after the first was stopped.
+    Of a long clip each window is prepared, one after the other; previews are then named after their windows.
     """
     from decomotion.clip import read_clip
     from decomotion.outputs import check_output
@@ -32,33 +47,42 @@ def command(clip: Path, preview: Path | None, rebuild_cache: bool, device: str, 
         check_output("--preview", preview, (".png",))
     frames = read_clip(clip)
 
-    from decomotion.data.cuts import find_cuts
     from decomotion.data.prepare import prepare_in_stages
     from decomotion.device import choose_device
+    from decomotion.long_clip import check_no_files, lay_out
     from decomotion.memory import kept_memory
 
     device = choose_device(device)
     config = Supervision(**options).config()
-    with kept_memory():
-        prepared = prepare_in_stages(frames, config.data, seed=seed, rebuild=rebuild_cache, device=device)
+    layout = lay_out(frames, window, shots)
+    if len(layout.windows) > 1:
+        check_no_files(config.data)
+    for part in layout.windows:
+        piece, sheet = frames, preview
+        if len(layout.windows) > 1:
+            piece = frames.part(part.begin, part.end, part.name)
+            sheet = None if preview is None else preview.with_stem(f"{preview.stem}-{part.name}")
+        with kept_memory():
+            prepared = prepare_in_stages(piece, config.data, seed=seed, rebuild=rebuild_cache, device=device)
+        _tell(piece, prepared)
+        if sheet is not None:
+            from decomotion.data.preview import write_sheet
+
+            write_sheet(piece, prepared.pool, prepared.grid, sheet)
+            click.echo(f"wrote {sheet}")
+
+
+def _tell(clip: Clip, prepared: Preparation) -> None:
     for stage in prepared.stages:
         seconds = ", ".join(f"{part} {each:.1f} s" for part, each in stage.seconds.items())
         click.echo(f"{stage.name}: {stage.bytes / 2**20:.0f} MiB, {f'cached ({seconds})' if stage.cached else seconds}")
-    pool, facts = prepared.pool, prepared.stages[0].facts
+    facts = prepared.stages[0].facts
     kept = next(stage.facts["kept"] for stage in reversed(prepared.stages) if "kept" in stage.facts)
     click.echo(
-        f"prepared {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}): {pool.num_points} points a "
+        f"prepared {clip.name} ({len(clip)} frames of {clip.width}x{clip.height}): {prepared.pool.num_points} points a "
         f"frame, {kept:.0%} of their links known, flow at gaps {', '.join(map(str, facts['intervals']))}: "
         f"{prepared.folder}"
     )
-    cuts = find_cuts(frames.frames)
-    if cuts:
-        click.echo(f"the clip cuts to another shot at {', '.join(map(str, cuts))}: see decomo-train --shots")
-    if preview is not None:
-        from decomotion.data.preview import write_sheet
-
-        write_sheet(frames, pool, prepared.grid, preview)
-        click.echo(f"wrote {preview}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,6 +13,8 @@ from decomotion.files import replacing
 from decomotion.schedule import Budget
 
 FILE_NAME = "run.json"
+CHECKPOINT = "checkpoint.pt"
+"""Beside it, as soon as there is a model: `decomotion.checkpoint`, which needs torch."""
 
 
 @dataclass(frozen=True)

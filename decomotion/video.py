@@ -136,8 +136,8 @@ class _Survey:
 
     def look(self, frame: VideoFrame) -> None:
         """Notes what a wanted frame is like."""
-        size = (frame.height, frame.width)
-        self.sizes.add(size[::-1] if self.display.is_turned else size)
+        height, width = frame.height, frame.width
+        self.sizes.add((width, height) if self.display.is_turned else (height, width))
         if self._greys is not None:
             try:
                 self._greys.add(self._small(frame))

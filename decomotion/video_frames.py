@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from bisect import bisect_right
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 PASSED, PASSED_BYTES = 16, 64 << 20
-"""Frames that were decoded last are kept as they are coded: at most so many, and as many as fit into so many bytes."""
-TRIES = 2
+"""Frames that were decoded on the way to others are kept: at most so many, and as many as fit into so many bytes."""
+TRIES = 3
 """Key frames at which the file is entered for a frame, before it is decoded from its beginning."""
 NEAR = 16
 """Frames up to so far ahead are reached by decoding on, whatever key frames lie between."""
@@ -65,10 +66,11 @@ class VideoFrames(Source):
         self._file, self._stream, self._index = file, stream, index
         self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
         self._entries = [entry for entry in index.entries if entry > 0]
+        self._back = 0  # key frames by which to enter earlier than at the nearest: transport streams lead too far
         self._decoding: Iterator[VideoFrame] = iter(())
         self._next = 0
-        self._entered: int | None = None  # the key frame at which it was entered
-        self._passed: dict[int, VideoFrame] = {}
+        self._entered = False  # whether it is not decoded from its beginning
+        self._passed: dict[int, Image] = {}
         self._lock, self._converter = Lock(), VideoReformatter()
 
     def __del__(self) -> None:  # PyAV's containers and streams hold each other
@@ -78,9 +80,7 @@ class VideoFrames(Source):
         """The frame of that number, from 0 at `index.begin`. Raises `ClipError` where the file has changed."""
         with self._lock:
             self._file.check()
-            frame = self._found(self._index.begin + number)
-            image = self._converter.reformat(frame, format="rgb24").to_ndarray()
-            return np.ascontiguousarray(self._index.display.upright(np.asarray(image, np.uint8)))
+            return self._found(self._index.begin + number)
 
     def grey(self, number: int) -> Grey:
         """The same in grey and small, as noted at the opening."""
@@ -93,30 +93,28 @@ class VideoFrames(Source):
         what = f"frames of a video {READING} {begin}:{end}:{numbers.step} {self._file.digest}"
         return hashlib.sha256(what.encode()).hexdigest()[:16]
 
-    def _found(self, number: int) -> VideoFrame:
+    def _found(self, number: int) -> Image:
         """Raises `ClipError` where it is not in the file any more."""
         if number in self._passed:
             return self._passed[number]
-        behind = self._container is None or number < self._next
-        for entry in self._entries_before(number):
-            if not behind and entry <= self._next + NEAR:
-                break
-            self._enter(entry)
+        for _ in self._ways_to(number):
             if self._decodes_to(number):
                 return self._passed[number]
-            self._entries.remove(entry)  # leads elsewhere
-            behind = True
-        if behind:
-            self._open()
-        if not self._decodes_to(number):
-            self._close()
-            raise self._file.changed()
-        return self._passed[number]
+        self._close()
+        raise self._file.changed()
 
-    def _entries_before(self, number: int) -> list[int]:
-        """The nearest first; one that leads elsewhere has another chance at most, before the file's beginning."""
-        place = bisect_right(self._entries, number)
-        return self._entries[max(0, place - TRIES) : place][::-1]
+    def _ways_to(self, number: int) -> Iterator[None]:
+        """Goes to where decoding may lead to a frame, from the nearest place on; to the next where it did not."""
+        place, known = bisect_right(self._entries, number) - 1, self._back
+        far = place >= 0 and self._entries[place] > self._next + NEAR
+        if self._container is not None and self._next <= number and not far:
+            yield
+        for self._back in range(known, min(TRIES, place + 1)):  # where it leads there, that is how far back to go
+            self._enter(self._entries[place - self._back])
+            yield
+        self._back = known
+        self._open()
+        yield
 
     def _decodes_to(self, number: int) -> bool:
         """Decodes on to a frame; whether it is there and, as far as that is told, as it was at the opening."""
@@ -131,8 +129,9 @@ class VideoFrames(Source):
                     return False
                 self._next = found + 1
                 if self._is_as_before(found, frame):
-                    self._pass(found, frame)
-                elif found == number or self._entered is None:
+                    if found > number - PASSED:
+                        self._pass(found, frame)
+                elif found == number or not self._entered:
                     return False
                 if found == number:
                     return True
@@ -141,33 +140,36 @@ class VideoFrames(Source):
         return False
 
     def _number(self, frame: VideoFrame) -> int | None:
-        """Of a frame that was decoded; None of those before the key frame at which the file was entered."""
-        if self._entered is None:
+        """Of a frame that was decoded; None of one that was not there at the opening."""
+        if not self._entered:
             return self._next
-        number = None if frame.pts is None else self._number_of.get(frame.pts)
-        return None if number is None or number < self._entered else number
+        return None if frame.pts is None else self._number_of.get(frame.pts)
 
     def _is_as_before(self, number: int, frame: VideoFrame) -> bool:
         """From the file's beginning, coders decode the same; frames are missing where their times are others."""
         index = self._index
-        if self._entered is not None:
+        if self._entered:
             return index.marks[number] == mark(frame)
         return index.pts is None or index.pts[number] == frame.pts
 
     def _pass(self, number: int, frame: VideoFrame) -> None:
-        size = sum(plane.buffer_size for plane in frame.planes)
-        while self._passed and len(self._passed) >= min(PASSED, PASSED_BYTES // size):
+        """Keeps a picture of it; frames themselves, kept, would change what decoders make of those with losses."""
+        image = np.asarray(self._converter.reformat(frame, format="rgb24").to_ndarray(), np.uint8)
+        while self._passed and len(self._passed) >= min(PASSED, PASSED_BYTES // image.nbytes):
             del self._passed[next(iter(self._passed))]
-        self._passed[number] = frame
+        self._passed[number] = np.ascontiguousarray(self._index.display.upright(image))
         if self._next == len(self._index.marks):  # the last that is wanted
             self._close()
 
     def _enter(self, number: int) -> None:
+        from av.error import FFmpegError
+
         assert self._index.pts is not None, "where times tell nothing there are no entries"
         container = self._container or self._open()
         stream = stream_at(container, self._stream)
-        container.seek(self._index.pts[number], stream=stream)
-        self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, number
+        with suppress(FFmpegError):  # what is decoded then tells that it is elsewhere
+            container.seek(self._index.pts[number], stream=stream)
+        self._decoding, self._next, self._entered = decoded(container, stream, Met()), number, True
 
     def _open(self) -> InputContainer:
         import av
@@ -179,7 +181,7 @@ class VideoFrames(Source):
         except FFmpegError as error:
             raise self._file.changed() from error
         stream = stream_at(self._container, self._stream)
-        self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, None
+        self._decoding, self._next, self._entered = decoded(self._container, stream, Met()), 0, False
         return self._container
 
     def _close(self) -> None:

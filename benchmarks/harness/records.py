@@ -5,10 +5,14 @@
     config          hash of the resolved configuration (of a baseline: of its `data`), the same in all records of a row
     commit, date, machine, versions                  of what, when, where; load_average as the run began,
                                                      threads as OMP_NUM_THREADS limits them
-    stages          {stage: {seconds, peak_rss_gib, ...}}; `train` also has prepare_seconds (part of seconds) and steps
+    stages          {stage: {seconds, cpu_seconds, peak_rss_gib, peak_anonymous_gib, ...}}, memory as `usage.py` has it;
+                    `train` also has prepare_seconds (part of seconds) and steps
     model_bytes     size of the .onnx file; a baseline has none
     metrics         {query mode: {metric: value}} over all points
     splits          {query mode: {static | dynamic | visible | reappeared | out_of_frame: {metric: value, count}}}
+
+`footage.py` writes `<name>/<part>/<clip>.json` with the budget in words and figures of each part
+(`full_length.py`, `scenery.py`, `crossing.py`); a fit that several parts ask has a record of its own, in `fits`.
 
 A metric that is not defined (nothing to count) is null.
 """

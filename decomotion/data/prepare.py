@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
@@ -197,9 +198,10 @@ class _Work:
     @cached_property
     def thinned(self) -> str | None:
         """What of the finished links there was no time for, in a line; None: nothing."""
-        rows, columns = grid_shape(self.clip.height, self.clip.width, self.count)
-        intervals, points = self.links.record(cached=True).facts["intervals"], self.grid.rows * self.grid.columns
-        return what_is_thinned(self.config, len(self.clip), intervals, points, rows * columns)
+        linked, whole = (self.grid.rows, self.grid.columns), grid_shape(self.clip.height, self.clip.width, self.count)
+        points = self.count if linked == whole else math.prod(linked)
+        intervals = self.links.record(cached=True).facts["intervals"]
+        return what_is_thinned(self.config, len(self.clip), intervals, points, self.count)
 
     # the stages: of what each is the result; gaps follow the time there was, so that links are known by their record
 

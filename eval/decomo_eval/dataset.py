@@ -2,7 +2,7 @@
 
 DAVIS and RGB-Stacking are one pickle each, a dict and a list of videos; Kinetics and RoboTAP are folders of several,
 the former with JPEG files as frames. What lies in a folder is read when a video is asked for, and forgotten at the
-next: one shard, or one video, is in memory at a time.
+next: one shard is in memory at a time, and of frames in files those that were asked for last.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
@@ -24,12 +24,8 @@ from decomo_runtime.sampling import known_median, sampled
 from decomotion.images import filled
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from decomo_runtime.scene_motion import SceneMotion
     from decomo_runtime.tracker import Tracker
-
-    Frames = Sequence[npt.NDArray[np.uint8]] | npt.NDArray[np.uint8]
 
 Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
@@ -62,6 +58,14 @@ GROWN, FEATHER = 3.0, 3.0
 
 HELD = 256
 """Frames of which what was made is held: more than a frame looks at, so that each is rendered and compared once."""
+
+
+class Frames(Protocol):
+    """A clip's frames by number, each uint8 [H, W, 3] RGB: an array, or decoded when asked for."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, frame: int, /) -> Image: ...
 
 
 class Objects:

@@ -10,7 +10,7 @@ made after it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -18,14 +18,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.objects import Objects
+from decomo_runtime.objects import HELD, Frames, Objects
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
 from decomotion.images import filled
 
 if TYPE_CHECKING:
-    from decomo_runtime.objects import Frames
     from decomo_runtime.tracker import Tracker
 
 Image = npt.NDArray[np.uint8]
@@ -38,7 +37,7 @@ NEAR, STRIDE, FAR = 16, 4, 96
 of the stride, and the clip's last: neighbours show nearly the same, and frames made one after another look at the same.
 """
 HELD_BYTES = 512 * 1024**2
-"""Of frames that are held, decoded, for the next ones that look at them."""
+"""Of frames that are held, decoded, for the next ones that look at them; no more than `HELD` frames."""
 
 
 def remove_objects(tracker: Tracker, frames: Frames, wanted: Iterable[int]) -> Iterator[Image]:
@@ -72,7 +71,7 @@ def _without_objects(
     if last is not None and unknown.any() and motion.knows(frame, last[0]):
         there = motion.field(frame, last[0], region)[unknown]
         behind[unknown] = sampled(last[1].astype(np.float32), there, outside=math.nan)
-    known = np.isfinite(scene).all(axis=2).astype(np.float32)
+    known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
     if not known.all():
         rendered = objects.scene(frame)
         scene = rendered + filled(np.nan_to_num(scene - rendered), known)
@@ -117,15 +116,16 @@ def _others(frame: int, num_frames: int) -> list[int]:
     return sorted((near | far) - {frame}, key=lambda other: abs(other - frame))
 
 
-class _Held(Sequence[Image]):
+class _Held:
     """The frames of a clip, of which those last asked for are held."""
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
-        self._held = lru_cache(max(2, HELD_BYTES // frames[0].nbytes))(lambda frame: frames[frame])
+        count = max(2, min(HELD, HELD_BYTES // frames[0].nbytes))
+        self._held = lru_cache(count)(lambda frame: frames[frame])
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def __getitem__(self, frame: int) -> Image:
+    def __getitem__(self, frame: int, /) -> Image:
         return self._held(frame)

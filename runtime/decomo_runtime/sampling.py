@@ -25,11 +25,11 @@ def sampled(
     shape, count = (*places.shape[:-1], *image.shape[2:]), places[..., 0].size
     if count == 0:
         return np.empty(shape, image.dtype)
-    rows = np.zeros((-(-count // _ROW) * _ROW, 2), np.float32)
-    rows[:count] = places.reshape(-1, 2)
+    there = np.zeros((2, -(-count // _ROW), _ROW), np.float32)
+    there.reshape(2, -1)[:, :count] = places.reshape(-1, 2).T
     border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
     value = (0.0 if outside is None else outside,) * 4
-    read = cv2.remap(image, rows.reshape(-1, _ROW, 2), np.empty(0), interpolation, borderMode=border, borderValue=value)
+    read = cv2.remap(image, there[0], there[1], interpolation, borderMode=border, borderValue=value)
     return read.reshape(-1, *image.shape[2:])[:count].reshape(shape)
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
-    Track = Callable[[npt.NDArray[np.float32], npt.NDArray[np.int64]], Tracks]
+    Track = Callable[[npt.NDArray[np.floating], npt.NDArray[np.int64]], Tracks]
 
 Floats = npt.NDArray[np.floating]
 
@@ -62,7 +62,7 @@ class SceneMotion:
         size: of the clip: frames, height and width.
     """
 
-    def __init__(self, track: Track, points: npt.NDArray[np.float32], size: tuple[int, int, int]) -> None:
+    def __init__(self, track: Track, points: Floats, size: tuple[int, int, int]) -> None:
         self._track, self._num_frames, self._size = track, size[0], size[1:]
         self._key_frames, first = np.unique(points[:, 0].astype(int), return_index=True)
         self._points = np.split(points, first[1:])
@@ -109,10 +109,9 @@ class SceneMotion:
     ) -> npt.NDArray[np.float64]:
         if len(places) == 0:
             return places
-        known = np.isfinite(places).all(axis=1)
-        cells = np.where(known[:, None], (places + 0.5) / self._cell - 0.5, 0).clip(-1, 4 * _CELLS)
+        cells = np.nan_to_num((places + 0.5) / self._cell - 0.5).clip(-1, 4 * _CELLS)
         moved = cv2.perspectiveTransform(places[None], homography)[0] + sampled(remainder, cells)
-        moved[~known] = np.nan  # OpenCV takes them to 0
+        moved[~np.isfinite(places).all(axis=1)] = np.nan  # OpenCV takes them to 0
         return moved
 
     def _follow(self, key: int, block: int) -> tuple[Floats, npt.NDArray[np.bool_]]:

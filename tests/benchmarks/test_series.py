@@ -23,6 +23,7 @@ from decomotion.data.links.intervals import pairs_of
 from decomotion.data.masks.folder import read_masks
 from harness import clips, records
 from harness.series import Row, read_series
+from harness.usage import StageError
 from tiny_fit import AFFINE, TINY_CPU, sliding_square, write_truth
 
 SPLITS = {"static", "dynamic", "visible", "reappeared", "out_of_frame"}
@@ -178,7 +179,7 @@ def test_a_fit_is_recorded_and_not_made_again(
     assert record["commit"]
     assert record["model_bytes"] > 0
     assert record["quality"]["steps"] == 2
-    monkeypatch.setattr(accuracy, "run_stage", lambda *command: pytest.fail("made again"))
+    monkeypatch.setattr(accuracy, "measured", lambda *command: pytest.fail("made again"))
     capsys.readouterr()
     assert run(accuracy.main, command) == 0
     assert "1 fits, 1 of them done" in capsys.readouterr().out
@@ -191,7 +192,7 @@ def test_a_failed_fit_does_not_stop_the_others(
 
     def fail(job: accuracy.Job, *rest: object) -> records.Record:
         tried.append(job.seed)
-        raise accuracy.StageError("decomo-train failed")
+        raise StageError("decomo-train failed")
 
     monkeypatch.setattr(accuracy, "fit", fail)
     assert run(accuracy.main, [*dataset, "--seeds", "0,1", "--out", str(tmp_path / "results")]) == 2

@@ -55,6 +55,17 @@ def test_from_frames_to_a_run(frames: Path, capsys: pytest.CaptureFixture[str]):
     assert checkpoint.load(Path("runs/sliding/checkpoint.pt")).training["step"] == 3
 
 
+def test_a_budget_too_short_for_a_fit_ends_well_and_says_so(
+    frames: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    """On a machine so slow that what preparation leaves has room for one step."""
+    monkeypatch.setattr("decomotion.schedule.MIN_SECONDS", 1e-3)
+    assert main([str(frames), "--time-budget", "0.001s", *SET_TINY]) == 0
+    said = caplog.records[-1].getMessage()
+    assert said.startswith("the fit is starved: it took 1 step")
+    assert said.endswith("go on with decomo-train on the same clip with --resume --out runs/sliding --time-budget 1m")
+
+
 def test_a_place_that_cannot_be_written_is_found_first(
     frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

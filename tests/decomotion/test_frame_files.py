@@ -161,3 +161,8 @@ class TestDepth:
         assert np.asarray(read_clip(f"{tmp_path}@0:2").frames)[:, 0, 0, 0].tolist() == [6, 12]
         cv2.imwrite(str(tmp_path / "3.png"), np.full((8, 12, 3), 77, np.uint8))
         assert np.asarray(read_clip(tmp_path).frames)[:, 0, 0, 0].tolist() == [6, 12, 250, 77]
+
+    def test_the_scale_makes_another_clip(self, tmp_path: Path):
+        """The same files, with other frames: beside brighter ones, which are not asked for."""
+        alone = read_clip(f"{self.write(tmp_path, [100, 200, 300])}@0:2").digest()
+        assert read_clip(f"{self.write(tmp_path, [4000], first=2)}@0:2").digest() != alone

@@ -15,7 +15,7 @@ from decomotion.data.pool import Pool
 from decomotion.held_out import HeldOut, measure
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import Surface
-from decomotion.quality import Quality
+from decomotion.quality import Quality, parse
 from decomotion.units import LONGER_SIDE, unit
 from tiny_fit import AFFINE, tiny_model
 
@@ -88,6 +88,17 @@ def test_one_that_is_off_is_off_by_as_much_in_units_and_in_pixels_of_the_clip(
         assert (each.median, each.p90) == pytest.approx((units, units), abs=1e-3)
         assert (each.median_pixels, each.p90_pixels) == pytest.approx((units * 0.375, units * 0.375), abs=1e-3)
         assert (each.within_1, each.within_2, each.within_4) == within
+
+
+@pytest.mark.parametrize("nowhere", [np.nan, np.inf, 1e30])
+def test_a_model_that_leads_nowhere_is_off_as_far_as_can_be(nowhere: float, monkeypatch: pytest.MonkeyPatch):
+    def followed(model: DecoMotion, links: held_out._Links) -> tuple[np.ndarray, np.ndarray]:
+        return np.full_like(links.xy, nowhere), np.ones(len(links.xy), bool)
+
+    monkeypatch.setattr(held_out, "_followed", followed)
+    found = quality(exact_model(), make_pool())
+    assert (found.all.median, found.all.within_4) == (1e6, 0)
+    assert parse(found.as_json()) == found
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from decomotion.data.likeness import Structure, likeness, structure_of
+from decomotion.greys import small_grey
 
 HEIGHT, WIDTH = 90, 140
 
@@ -25,7 +26,7 @@ def scene(seed: int) -> np.ndarray:
 
 def seen(frame: np.ndarray, x: int = 60, y: int = 40) -> Structure:
     """The view whose upper left corner is there."""
-    structure = structure_of(frame[y : y + HEIGHT, x : x + WIDTH])
+    structure = structure_of(small_grey(frame[y : y + HEIGHT, x : x + WIDTH]))
     assert structure is not None
     return structure
 
@@ -38,14 +39,14 @@ def test_light_leaves_it():
 
 def test_none_where_all_is_of_one_level():
     for level in (0, 90, 255):
-        assert structure_of(np.full((40, 30, 3), level, np.uint8)) is None
-    assert structure_of(np.zeros((1, 1, 3), np.uint8)) is None
+        assert structure_of(small_grey(np.full((40, 30, 3), level, np.uint8))) is None
+    assert structure_of(small_grey(np.zeros((1, 1, 3), np.uint8))) is None
 
 
 @pytest.mark.parametrize("shape", [(1, 300), (300, 2), (7, 9), (480, 854)])
 def test_any_size(shape: tuple[int, int]):
     frame = np.random.default_rng(0).integers(0, 255, (*shape, 3), dtype=np.uint8)
-    structure = structure_of(frame)
+    structure = structure_of(small_grey(frame))
     assert structure is not None
     assert max(structure.image.shape) <= 160
     assert min(structure.image.shape) >= 24

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -263,3 +264,23 @@ def test_what_will_be_done_is_said_first(
     with caplog.at_level("INFO", logger="decomotion"):
         assert main([str(frames), "--window", "8", *argv]) == 0
     assert said in caplog.messages[0]
+
+
+def test_windows_are_prepared_ahead_of_their_fits(
+    frames: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    from decomotion import prepare_cli
+
+    assert prepare_cli.main([str(frames), "--window", "8", "--preview", "sheet.png", *SET_TINY]) == 0
+    said = capsys.readouterr().out
+    assert [line.split(" (")[0] for line in said.splitlines() if line.startswith("prepared")] == [
+        f"prepared sliding-window-00{number}" for number in range(3)
+    ]
+    assert sorted(path.name for path in Path().glob("*.png")) == [f"sheet-window-00{number}.png" for number in range(3)]
+    monkeypatch.setattr("decomotion.data.prepare.build_links", lambda *_: pytest.fail("they are made again"))
+    assert main([f"{frames}@6:14", "--steps", "1", *SET_TINY]) == 0
+
+
+def test_who_looks_on_has_no_torch():
+    code = "import sys, decomotion.cli, decomotion.long_clip; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

@@ -404,11 +404,12 @@ class TestCache:
         prepared = preparation.prepare_in_stages(clip, settings, progress=False)
         assert prepared.grid == (13, 20)
         assert prepared.pool.num_points == 260
-        assert prepared.pool.thinned == "260 of 513 points a frame: budget"  # 500, rounded to rows of one length
+        assert prepared.pool.thinned == "260 of 500 points a frame: budget"
 
     def test_a_list_of_gaps_is_linked_whole(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: pytest.fail("measured"))
-        assert prepare(clip, config("data.features=none"), progress=False).num_points == 260
+        pool = prepare(clip, config("data.features=none"), progress=False)
+        assert (pool.num_points, pool.thinned) == (260, None)
 
     @pytest.mark.parametrize("masks", ["auto", "none"])
     def test_too_many_frames_for_the_time_are_refused_at_once(

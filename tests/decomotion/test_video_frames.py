@@ -5,21 +5,25 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
+from typing import Any, cast
 
 import av
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from av.video.stream import VideoStream
 
 from clip_files import write_video
 from decomotion import video_frames
 from decomotion.clip import Clip, read_clip
 from decomotion.data.cuts import find_cuts
+from decomotion.decoding import mark
 from decomotion.errors import ClipError
 
 COUNT = 75
@@ -74,12 +78,14 @@ def scene(seed: int, height: int, width: int) -> npt.NDArray[np.uint8]:
     return np.clip(100 + shapes, 0, 255).astype(np.uint8)
 
 
-def write(path: Path, codec: str, options: dict[str, str], times: list[int] | None = None) -> Path:
+def write(
+    path: Path, codec: str, options: dict[str, str], times: list[int] | None = None, pixels: str | None = None
+) -> Path:
     frames = drifting()
-    with av.open(str(path), "w") as file:
-        stream = file.add_stream(codec, rate=25, options=options)
+    with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as file:
+        stream = cast(VideoStream, file.add_stream(codec, rate=25, options=options))
         stream.height, stream.width = frames.shape[1:3]
-        stream.pix_fmt = PIXELS.get(codec, "yuv420p")
+        stream.pix_fmt = pixels or PIXELS.get(codec, "yuv420p")
         if times is not None:
             stream.codec_context.time_base = Fraction(1, 1000)
         for number, frame in enumerate(frames):
@@ -137,6 +143,38 @@ def test_any_order_in_a_part(form: str, tmp_path: Path):
     check_any_order(write(tmp_path / name, codec, options), 29, 61)
 
 
+def test_any_order_of_pictures_from_the_lowest_row_up(tmp_path: Path):
+    check_any_order(lowest_row_first(tmp_path))
+
+
+def lowest_row_first(folder: Path) -> Path:
+    """As old programs write AVI: the height in its header is positive."""
+    path = write(folder / "film.avi", "rawvideo", {}, pixels="bgr24")
+    upright, content = list(plainly_decoded(path)), bytearray(path.read_bytes())
+    place = content.index(b"strf") + 16
+    struct.pack_into("<i", content, place, -struct.unpack_from("<i", content, place)[0])
+    path.write_bytes(content)
+    np.testing.assert_array_equal(next(plainly_decoded(path)), upright[0][::-1])
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_any_order_in_a_damaged_film(suffix: str, tmp_path: Path):
+    """With a hole in one group of pictures, and without its end."""
+    path = write(tmp_path / f"film{suffix}", "libx264", GOP | {"bf": "0"})
+    content = bytearray(path.read_bytes())
+    with av.open(str(path)) as file:
+        places = [packet.pos or 0 for packet in file.demux(video=0) if packet.size]
+    content[places[26] + 30 : places[28] + 30] = bytes(places[28] - places[26])
+    path.write_bytes(content[: places[70] + 20])
+    expected = [np.array(frame) for frame in read_clip(path).frames]
+    assert 45 < len(expected) < 71
+    clip, order = read_clip(path), list(range(len(expected)))
+    random.Random(0).shuffle(order)
+    for number in order:
+        np.testing.assert_array_equal(clip.frames[number], expected[number])
+
+
 @pytest.fixture
 def film(tmp_path: Path) -> Path:
     return write(tmp_path / "film.mp4", "libx264", B_FRAMES)
@@ -148,7 +186,7 @@ def decoded(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     frames: list[object] = []
     plain = video_frames.decoded
 
-    def counting(*arguments: object) -> Iterator[object]:
+    def counting(*arguments: Any) -> Iterator[object]:
         for frame in plain(*arguments):
             frames.append(frame.pts)
             yield frame
@@ -179,12 +217,26 @@ class TestWork:
         _ = clip.frames[1]
         assert len(decoded) <= 8 + 2
 
-    def test_where_it_does_not_lead_there_it_is_not_tried_again(self, tmp_path: Path, decoded: list[object]):
-        name, codec, options = FORMS["no key frame but the first"]
+    @pytest.mark.parametrize("form", ["a transport stream", "a transport stream of H.264", "a programme stream"])
+    def test_where_the_container_leads_too_far_an_earlier_one_does(
+        self, form: str, tmp_path: Path, decoded: list[object]
+    ):
+        name, codec, options = FORMS[form]
         clip = read_clip(write(tmp_path / name, codec, options))
+        _ = clip.frames[70]
+        begun = len(decoded)
+        for number in (45, 71, 46, 73):
+            _ = clip.frames[number]
+        assert len(decoded) - begun < 4 * 30
+
+    def test_pictures_from_the_lowest_row_up_are_found_again(self, tmp_path: Path, decoded: list[object]):
+        path = lowest_row_first(tmp_path)
+        with av.open(str(path)) as file:
+            assert len({mark(frame) for frame in file.decode(video=0)}) == COUNT
+        clip = read_clip(path)
         for number in (70, 5, 40):
             _ = clip.frames[number]
-        assert len(decoded) < 4 * COUNT
+        assert len(decoded) == 3
 
     def test_what_was_read_last_is_not_read_again(self, film: Path, decoded: list[object]):
         frames = read_clip(film).frames

@@ -11,7 +11,7 @@ import pytest
 
 from decomo_eval.sample import Sample, SampleError, generate, write
 from decomo_eval.sample.cli import main
-from decomo_eval.sample.render import render_frame, render_layers
+from decomo_eval.sample.render import photograph, render_frame, render_layers
 from decomo_eval.sample.scene import BACKGROUND, Scene, draw_bodies, draw_scene, is_eventful
 from decomo_eval.sample.texture import Texture
 from decomo_eval.sample.truth import follow_points
@@ -236,3 +236,17 @@ def test_help_shows_defaults(capsys: pytest.CaptureFixture[str]) -> None:
 def test_background_is_the_backmost_layer(scene: Scene) -> None:
     assert scene.layers[BACKGROUND].body.outline is None
     assert all(layer.body.outline is not None for layer in scene.layers[1:])
+
+
+def test_rows_are_those_of_the_whole_frame(scene: Scene) -> None:
+    """Also where an object's outline leads out of them; a frame lower than wide is lit as the middle of a square."""
+    whole, rows = render_frame(scene, 0.4, SIZE), range(SIZE // 4, 3 * SIZE // 4)
+    bands = [range(row, min(row + 10, rows.stop)) for row in range(rows.start, rows.stop, 10)]
+    parts = np.concatenate([render_frame(scene, 0.4, SIZE, band) for band in bands])
+    np.testing.assert_allclose(parts, whole[rows.start : rows.stop], atol=1e-5)  # float32 positions
+    light, lower = (
+        photograph(np.full_like(each, 0.5), 0.3, 0.1, np.random.default_rng(0)).mean(axis=(1, 2))
+        for each in (whole, whole[rows.start : rows.stop])
+    )
+    np.testing.assert_allclose(lower, light[rows.start : rows.stop], atol=0.5)  # of 255; noise of two, averaged
+    assert lower.max() - lower.min() > 1

@@ -80,6 +80,7 @@ def exported_as(path: Path, run: Path, bake: Bake, precision: Precision = "fp32"
     """`run` exported through Python; what differs in precision alone is traced once, which takes most of the time."""
     trace = exporter.trace
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("decomo_export.precision.SMALLEST", 1024)  # of a tiny model nothing is large
         patch.setattr(exporter, "trace", lambda graph: traced(run, bake, lambda: trace(graph)))
         exported = export(path, run, bake=bake, precision=precision, force=precision != "fp32")
     return Export(exported.path, run, "", bake)

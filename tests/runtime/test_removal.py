@@ -240,3 +240,20 @@ def test_a_pixel_that_enough_frames_show_is_followed_no_further(monkeypatch: pyt
     assert [frame for frame, _ in looked_at] == [3, 5, 2, 6]
     assert [count for _, count in looked_at][:2] == [(found.share(FRAME) > 0).sum()] * 2
     assert looked_at[-1][1] < looked_at[0][1]
+
+
+def test_the_share_reaches_beyond_the_mask(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(objects_module, "GROWN", 16.0)
+    monkeypatch.setattr(objects_module, "FEATHER", 16.0)
+    share = objects(sliding_square().frames).share(FRAME)
+    right = np.flatnonzero(square_mask(FRAME)[16])[-1]
+    assert (share[16, right : right + 3] == 1).all()  # 16 of 256 pixels are 2 of 32
+    assert 0 < share[16, right + 3] < 1
+    assert share[16, right + 6] == 0
+
+
+def test_in_sight_is_what_no_object_covers_within_the_frame():
+    found = objects(sliding_square().frames)
+    rows, columns = np.nonzero(square_mask(FRAME))
+    places = np.array([[columns.mean(), rows.mean()], [columns.max() + 3, rows.mean()], [-2, 3], [3, HEIGHT + 1]])
+    np.testing.assert_array_equal(found.in_sight(FRAME, places), [False, True, False, False])

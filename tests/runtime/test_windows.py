@@ -27,7 +27,8 @@ Hidden = Callable[[npt.NDArray[np.float32], npt.NDArray[np.int64]], npt.NDArray[
 class Standing:
     """A model of a window, in which points move by (2, 1) a frame and are as hidden as `hidden(x of frame 0, frame)`.
 
-    `error` is added to x wherever a point is not at its query.
+    `error` is added to x wherever a point is not at its query. Asked for a place where a point is hidden, it follows
+    what covers it, which stands still.
     """
 
     window: Window
@@ -46,8 +47,13 @@ class Standing:
         gone = frames - queries[:, :1]
         xy = queries[:, None, 1:] + gone[..., None] * np.array([2.0, 1.0])
         xy[..., 0] += self.error * (gone != 0)
-        origin = queries[:, 1] - 2 * (queries[:, 0] + self.window.begin)
-        return xy.astype(np.float32), np.where(gone == 0, 0, self.hidden(origin[:, None], frames + self.window.begin))
+        origin = (queries[:, 1] - 2 * (queries[:, 0] + self.window.begin))[:, None]
+        occlusion = np.where(gone == 0, 0, self.hidden(origin, frames + self.window.begin))
+        covered = (
+            self.hidden(origin, queries[:, :1].astype(int) + self.window.begin)[:, 0] > self.facts.occlusion_threshold
+        )
+        xy[covered], occlusion[covered] = queries[covered, None, 1:], 0
+        return xy.astype(np.float32), occlusion
 
     def sample(self, queries, chunk=None, max_memory=None):
         colours = np.repeat(queries[:, :1] + self.window.begin, 3, axis=1)
@@ -96,7 +102,7 @@ def test_points_in_sight_go_through_all_windows_both_ways(make, frames: int, lon
 
 def test_an_answer_depends_on_no_other_query_or_frame(make):
     def flickering(origin, frames):
-        return np.abs(np.sin(origin + 3.0 * frames))
+        return np.abs(np.sin(origin + 3.0 * frames)) * 0.6
 
     models, _ = make(split(50, [], 20), flickering, error=0.5)
     queries = np.array([(t, 3.5 + t, 2.25) for t in (0, 49, 17, 30, 31, 8)], np.float32)
@@ -131,11 +137,60 @@ def test_a_point_crosses_where_it_is_surest_to_be_seen(make):
 
 
 def test_a_query_among_the_shared_frames_crosses_there(make):
-    models, _ = make(split(40, [], 24), lambda origin, frames: 0.9 + 0 * origin + 0 * frames, error=1.0)
+    models, _ = make(split(40, [], 24), lambda origin, frames: 0.45 + 0 * origin + 0 * frames, error=1.0)
     (shared,) = [models.layout.shared(0)]
     for frame in shared:
         xy, _ = models.track(np.array([[frame, 50, 5]], np.float32), np.array([0, 39]))
         assert np.abs(xy[0] - truth(np.array([[frame, 50, 5]]), np.array([0, 39]))[0]).max() == pytest.approx(1.0)
+
+
+def behind(first: int, last: int) -> Hidden:
+    """All whose x in frame 0 is from 20 to 40 are hidden in the frames from `first` to `last`."""
+
+    def hidden(origin, frames):
+        return 0.9 * ((origin >= 20) & (origin <= 40) & (frames >= first) & (frames <= last))
+
+    return hidden
+
+
+@pytest.mark.parametrize("at", [(2, 34.25, 22.5), (40, 110.0 - 20, 41.0)])
+def test_a_point_that_is_hidden_in_all_shared_frames_comes_back(make, at: tuple[float, float, float]):
+    windows = (Window("window-000", 0, 20), Window("window-001", 14, 44))
+    models, _ = make(windows, behind(10, 26))
+    query, every = np.array([at], np.float32), np.arange(44)
+    origin = at[1] - 2 * at[0]
+    xy, occlusion = models.track(query, every)
+    assert 20 <= origin <= 40 or not occlusion.any()
+    np.testing.assert_allclose(xy, truth(query, every), atol=1e-3)
+    np.testing.assert_allclose(occlusion[0], behind(10, 26)(np.array([[origin]]), every)[0], atol=1e-6)
+
+
+def test_one_that_does_not_stays_hidden_and_is_not_taken_for_what_covers_it(make):
+    windows = (Window("window-000", 0, 20), Window("window-001", 14, 44), Window("window-002", 40, 60))
+    models, _ = make(windows, behind(10, 60))
+    query, every = np.array([[2, 34.25, 22.5]], np.float32), np.arange(60)
+    xy, occlusion = models.track(query, every)
+    np.testing.assert_allclose(xy[0, :18], truth(query, every)[0, :18], atol=1e-3)
+    np.testing.assert_allclose(xy[0, 18:], np.tile(xy[0, 17], (42, 1)), atol=1e-3)
+    assert (occlusion[0, 18:] == 1).all()
+
+
+def test_what_comes_back_belongs_to_what_was_hidden(make):
+    """Points of the scene are hidden all the time; those of an object, in the same place, come back."""
+    windows = (Window("window-000", 0, 20), Window("window-001", 14, 44))
+    models, _ = make(windows, behind(10, 26))
+    assert (models.track(np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 0).all()
+    confidence = Standing.sample
+
+    def of_an_object(self, queries, chunk=None, max_memory=None):
+        seen = confidence(self, queries)
+        moving = self.window.begin > 0
+        return Appearance(*[seen.rgb] * 3, np.full(len(queries), 0.0 if moving else 1.0), seen.depth, seen.depth)
+
+    models, _ = make(windows, behind(10, 26))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Standing, "sample", of_an_object)
+        assert (models.track(np.array([[2, 34, 22]], np.float32), np.arange(44))[1][0, 30:] == 1).all()
 
 
 def test_across_a_cut_nothing_is_followed(make):
@@ -184,8 +239,8 @@ def test_a_folder_of_files_is_one_tracker(tmp_path: Path):
     tracker = Tracker(tmp_path, threads=1)
     assert (tracker.clip_name, tracker.num_frames, tracker.fps, tracker.pixel_aspect) == ("walk", 30, 15.0, 2.0)
     np.testing.assert_allclose(tracker.times, seconds)
-    tracks = tracker.track([[3, 20, 30]])
-    np.testing.assert_allclose(tracks.xy[0], [20, 30] + (np.arange(30)[:, None] - 3) * VELOCITY, atol=1e-3)
+    tracks = tracker.track([[12, 20, 30]])
+    np.testing.assert_allclose(tracks.xy[0], [20, 30] + (np.arange(30)[:, None] - 12) * VELOCITY, atol=1e-3)
     assert tracker.dense(2, to=28).flow.shape == (HEIGHT, WIDTH, 2)
 
 

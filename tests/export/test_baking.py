@@ -1,0 +1,63 @@
+"""Tables are rendered by as many threads as torch has, each on frames of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import torch
+
+from decomo_export import baking
+from decomo_export.baking import BakedSurfaces
+from decomo_export.frame import FrameModel
+from decomotion.model.fusion import DecoMotion
+from tiny_fit import randomised, tiny_model
+
+
+@pytest.fixture
+def model() -> DecoMotion:
+    return randomised(tiny_model("cpu", frames=7, height=18, width=30), 0.1).eval()
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("two_threads")
+@pytest.mark.parametrize("canonical", [False, True])
+def test_the_same_table_by_any_number_of_threads_and_rays(
+    canonical: bool, model: DecoMotion, monkeypatch: pytest.MonkeyPatch
+):
+    both = BakedSurfaces(model, canonical=canonical)
+    torch.set_num_threads(1)
+    monkeypatch.setattr(baking, "RAYS_AT_ONCE", 53)
+    alone = BakedSurfaces(model, canonical=canonical)
+    apart = (both.codes.to(torch.int32) - alone.codes).abs()
+    assert apart.max() <= 1  # products of other sizes, summed in another order
+    assert torch.equal(both.codes >= 0, alone.codes >= 0)
+
+
+@pytest.mark.usefixtures("two_threads")
+@pytest.mark.parametrize("fails", [False, True])
+def test_operators_run_in_one_thread_meanwhile(fails: bool, model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
+    """Threads that share an operator wait for the slowest: on a busy machine that took several times the work."""
+    hit, threads = FrameModel.hit, []
+
+    def observed(self: FrameModel, xy: torch.Tensor) -> object:
+        threads.append(torch.get_num_threads())
+        if fails and len(threads) > 2:
+            raise MemoryError
+        return hit(self, xy)
+
+    monkeypatch.setattr(FrameModel, "hit", observed)
+    if fails:
+        with pytest.raises(MemoryError):
+            BakedSurfaces(model, canonical=False)
+    else:
+        BakedSurfaces(model, canonical=False)
+    assert set(threads) == {1}
+    assert torch.get_num_threads() == 2
