@@ -4,7 +4,7 @@ import { InputError } from "../src/model/facts";
 
 vi.mock("../src/model/facts", async (original) => ({
   ...(await original<object>()),
-  readFacts: (bytes: Uint8Array) => ({ clipName: "part", numFrames: bytes[0], width: 4, height: 3, preset: "cpu" }),
+  readFacts: (bytes: Uint8Array) => ({ clipName: "part", numFrames: bytes[0], width: 4, height: 3, preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 }),
 }));
 
 interface Asked {

@@ -46,7 +46,7 @@ describe("readFacts", () => {
   it("reads what the exporter writes", () => {
     expect(readFacts(model(METADATA), "m.onnx")).toEqual({
       ...{ clipName: "goat", numFrames: 32, height: 240, width: 320 },
-      ...{ fps: 12.5, preset: "cpu", occlusionThreshold: 0.5 },
+      ...{ fps: 12.5, preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 },
       times: Array.from({ length: 32 }, (_, frame) => frame / 12.5),
     });
   });
@@ -88,6 +88,7 @@ describe("readFacts", () => {
     ["width", "1.5"],
     ["fps", "inf"],
     ["occlusion_threshold", "2"],
+    ["object_share", "1"],
     ["height", ""],
   ])("refuses the impossible %s = %s", (key, value) => {
     expect(refusal(model({ ...METADATA, [`decomotion.${key}`]: value }))).toContain(`impossible metadata decomotion.${key}`);

@@ -12,7 +12,7 @@ import { readSite } from "../src/site";
 
 fc.configureGlobal({ seed: 22, numRuns: 300 });
 
-const FACTS: ModelFacts = { clipName: "c", numFrames: 3, height: 8, width: 10, fps: 12, times: Array.from({ length: 3 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
+const FACTS: ModelFacts = { clipName: "c", numFrames: 3, height: 8, width: 10, fps: 12, times: Array.from({ length: 3 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
 
 /** What `read` gives; undefined where it says in a sentence what is wrong. */
 function orRefused<T>(read: () => T): T | undefined {

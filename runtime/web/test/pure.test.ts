@@ -123,7 +123,7 @@ describe("layers", () => {
 });
 
 describe("the renderer of layers", () => {
-  const facts = { clipName: "c", numFrames: 2, height: 512, width: 512, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
+  const facts = { clipName: "c", numFrames: 2, height: 512, width: 512, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
   afterEach(() => {
     vi.unstubAllGlobals();
     vi.restoreAllMocks();

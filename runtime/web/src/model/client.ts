@@ -3,6 +3,7 @@
 import { InputError, type ModelFacts, readFacts } from "./facts";
 import { follow } from "./journey";
 import type { Appearance, Backend, Tracked } from "./protocol";
+import { type Models, Returnings } from "./returning";
 import { type ModelFile, Sessions, runs } from "./sessions";
 import { type Window, frames, home, readWindows } from "./windows";
 
@@ -34,6 +35,8 @@ export class Model {
   /** What renders the layers. */
   backend: Backend = "wasm";
   private renderer: Sessions;
+  private readonly models: Models;
+  private readonly returnings: Returnings;
   private closed = false;
 
   private constructor(
@@ -44,6 +47,13 @@ export class Model {
     private readonly load: (number: number) => Promise<ModelFile>,
   ) {
     this.renderer = wasm;
+    this.models = {
+      windows,
+      facts,
+      track: (number, queries, asked) => this.ask(number, queries, asked),
+      onObject: (number, queries) => this.onObject(number, queries),
+    };
+    this.returnings = new Returnings(this.models);
   }
 
   /** Opens `path`, a model file or `windows.json`; `InputError` where it is none, lacks a file or does not run here. */
@@ -90,7 +100,8 @@ export class Model {
       done += rays; // some frames are asked for twice, since windows share them
       onProgress?.(Math.min(1, done / ((queries.length / 3) * this.facts.numFrames)));
     };
-    return follow(this.windows, queries, (number, part, asked) => this.ask(number, part, asked, onRays), onPart);
+    const models = { ...this.models, track: (number: number, part: Float32Array, asked: readonly number[]) => this.ask(number, part, asked, onRays) };
+    return follow(models, this.returnings, queries, onPart);
   }
 
   /**
@@ -155,6 +166,16 @@ export class Model {
       onRays?.(answer.occlusion.length);
     }
     return { tracks, occlusion };
+  }
+
+  private async onObject(number: number, queries: Float32Array): Promise<boolean[]> {
+    const owned: boolean[] = [];
+    for (let first = 0; first < queries.length; first += 3 * RAYS_PER_REQUEST) {
+      const part = queries.slice(first, first + 3 * RAYS_PER_REQUEST);
+      const { static_confidence } = await this.wasm.ask("render", number, { queries: part });
+      for (const confidence of static_confidence) owned.push(confidence < 1 - this.facts.objectShare);
+    }
+    return owned;
   }
 }
 

@@ -5,6 +5,9 @@ import { type Quality, readQuality } from "./quality";
 
 const WRITE_ONE = "write one with 'decomo-export'";
 
+/** Of older files, which do not say. */
+const OBJECT_SHARE = 0.5;
+
 export interface ModelFacts {
   readonly clipName: string;
   readonly numFrames: number;
@@ -17,6 +20,8 @@ export interface ModelFacts {
   readonly preset: string;
   /** A point is occluded where its occlusion score is above this. */
   readonly occlusionThreshold: number;
+  /** A point is one of an object where 1 - its static confidence is above this. */
+  readonly objectShare: number;
   /** How good the fit is; absent of files that do not say. */
   readonly quality?: Quality | undefined;
 }
@@ -49,7 +54,8 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     }
     return value;
   };
-  const number = (key: string, valid: (value: number) => boolean): number => {
+  const number = (key: string, valid: (value: number) => boolean, otherwise?: number): number => {
+    if (otherwise !== undefined && !file.metadata.has(`decomotion.${key}`)) return otherwise;
     const value = text(key).trim() === "" ? Number.NaN : Number(text(key));
     if (!valid(value)) {
       throw new InputError(
@@ -89,6 +95,7 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     times: seconds(numFrames, fps),
     preset: text("preset"),
     occlusionThreshold: number("occlusion_threshold", (value) => value >= 0 && value <= 1),
+    objectShare: number("object_share", (value) => value >= 0 && value < 1, OBJECT_SHARE),
     quality: quality(),
   };
 }
