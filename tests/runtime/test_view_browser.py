@@ -403,7 +403,10 @@ VELOCITIES = ((1.5, -0.5), (-0.75, 0.25), (0.5, 0.5), (-1, 0), (0.25, -0.25))
 
 @pytest.fixture(scope="module")
 def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five windows that move each in its own way, more than the page has open; before the last one is a cut."""
+    """Five windows that move each in its own way, more than the page has open; before the last one is a cut.
+
+    In the first two nothing is hidden; in the others what is far from its own frame.
+    """
     folder = tmp_path_factory.mktemp("models") / "walk"
     begins = (0, 10, 18, 24, 35)
     windows = tuple(
@@ -416,7 +419,7 @@ def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             num_frames=len(window),
             height=HEIGHT,
             width=WIDTH,
-            rename={"{1.5, -0.5}": f"{{{x}, {y}}}"},
+            rename={"{1.5, -0.5}": f"{{{x}, {y}}}"} | ({f"{{{len(window)}}}": "{40}"} if window.begin < 18 else {}),
         )
     qualities = (None, quality(0.5), quality(2.5), None, None)
     Windows("walk", 48, HEIGHT, WIDTH, 12.5, windows, quality=qualities).save(folder / FILE_NAME)
