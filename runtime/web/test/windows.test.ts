@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { InputError } from "../src/model/facts";
 import { follow } from "../src/model/journey";
 import type { Tracked } from "../src/model/protocol";
-import { Returnings } from "../src/model/returning";
+import { Returning, Returnings } from "../src/model/returning";
 import { type Window, frames, home, readWindows } from "../src/model/windows";
 
 /** Windows with these first frames, and frames after the last. */
@@ -129,6 +129,25 @@ describe("a point in a clip of several windows", () => {
     expect(new Set(await after((number) => number > 0))).toEqual(new Set([1]));
   });
 
+  it("comes back only near what is hidden there, and where it is traced back to its place, hidden", async () => {
+    /** What stands still left of x = 20 is hidden; what is asked for it ends `drift` from its place, as hidden as `score`. */
+    const found = async (x: number, drift: number, score: number): Promise<boolean> => {
+      const track = async (_: number, queries: Float32Array): Promise<Tracked> => {
+        const places = frames(0, queries.length / 3).map((row) => [queries[3 * row + 1]!, queries[3 * row + 2]!] as const);
+        if (places.length > 1) return { tracks: Float32Array.from(places.flat()), occlusion: Float32Array.from(places, ([left]) => (left < 20 ? 0.9 : 0)) };
+        return { tracks: Float32Array.from(places.flatMap(([left, top]) => [left + drift, top])), occlusion: Float32Array.of(score) };
+      };
+      const onObject = async (_: number, queries: Float32Array) => Array(queries.length / 3).fill(false) as boolean[];
+      const models = { windows: two, facts: { height: 60, width: 90, occlusionThreshold: 0.5 }, track, onObject };
+      const [query] = await new Returning(models, 1, 1).find([{ x, y: 30, onObject: false }]);
+      return query !== undefined;
+    };
+    expect(await found(20.4, 0.6, 0.9)).toBe(true);
+    expect(await found(23, 0, 0.9)).toBe(false); // 6 pixels of 256 are 2.1 of these
+    expect(await found(20.4, 0.8, 0.9)).toBe(false); // 2 are 0.7
+    expect(await found(20.4, 0, 0.5)).toBe(false);
+  });
+
   it("is not followed across a cut: it stays, hidden", async () => {
     const { track, asked } = standing(windowsOf([0, 13], [13, 30]));
     const { x, occlusion } = await track([5, 5, 5], [20, 40, 5]);
@@ -159,7 +178,7 @@ describe("a point in a clip of several windows", () => {
       expect(frames(0, 50).filter((frame) => occlusion[frame] === 0).every((frame) => answered.includes(frame))).toBe(true);
       known.push([answered[0]!, answered.at(-1)!]);
     });
-    expect(known).toEqual([[37, 49], [0, 49]]); // before the cut it is nowhere else
+    expect(known).toEqual([[37, 49], [31, 49], [0, 49]]); // before the cut it is nowhere else
   });
 
   it("is at home where its frame is farther from either end", () => {

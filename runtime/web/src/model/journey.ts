@@ -25,7 +25,7 @@ interface Traveller {
 
 /**
  * Follows `queries` [N, 3], rows of (t, x, y), through every frame of the clip. `onPart` hears what is answered so far,
- * the rest hidden at NaN, whenever points have gone through another window: their own first.
+ * the rest hidden at NaN, whenever another window has answered, the points' own first, and at the end all.
  */
 export async function follow(
   models: Models,
@@ -45,6 +45,7 @@ export async function follow(
   }
   for (const number of windows.keys()) await journey.goOn(number, FORWARD);
   for (const number of [...windows.keys()].reverse()) await journey.goOn(number, BACKWARD);
+  onPart(journey.answer);
   return journey.answer;
 }
 
@@ -90,8 +91,8 @@ class Journey {
     for (const each of seen) {
       for (const frame of asked) if (isAhead(frame, each.traveller.since)) this.put(each.traveller.row, frame, each.at(frame), each.hidden(frame));
     }
+    if (leaving.some(({ places }) => places.length > 0)) this.onPart(this.answer);
     for (const { step: onward, places } of leaving) if (places.length > 0) await this.leave(number, onward, seen, places);
-    this.onPart(this.answer);
   }
 
   /** Sends points on to the next window, from where they are in the frames `places`. */
