@@ -1,9 +1,11 @@
 """What a click on the page of `decomo-view` costs, and how far its answers are from the runtime's.
 
     python benchmarks/page.py goat.onnx goat.mp4
+    python benchmarks/page.py goat.onnx --windows 30 --clicks 2
 
 Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
-as many while the model also renders its layers; prints milliseconds from a click to its track on the list.
+as many while the model also renders its layers; prints milliseconds from a click to its point on the list and to its
+whole track. With `--windows`, the file is taken for each of so many windows of a long clip.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import statistics
 import sys
 import tempfile
 import threading
+import time
 from pathlib import Path
 
 import click
@@ -23,22 +26,32 @@ from decomo_runtime import Tracker, Tracks, ViewError
 from decomo_runtime.view.server import make_server
 from decomo_runtime.view.site import read_inputs, write_site
 from decomotion.console import run
+from decomotion.windows import FILE_NAME, Window, Windows
 
-CLICKS = 30
-PATIENCE = 120_000
+PATIENCE = 600_000
 FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-background-networking", "--disable-sync")
 
 
 @click.command()
 @click.argument("model", type=click.Path(path_type=Path))
-@click.argument("clip", type=click.Path(path_type=Path))
-def main(model: Path, clip: Path) -> None:
+@click.argument("clip", type=click.Path(path_type=Path), required=False)
+@click.option("--windows", metavar="N", type=click.IntRange(min=1), default=1)
+@click.option("--clicks", metavar="N", type=click.IntRange(min=1), default=30)
+def main(model: Path, clip: Path | None, windows: int, clicks: int) -> None:
     """Measures the page with MODEL and CLIP."""
     chromium = shutil.which("chromium")
     if chromium is None:
         raise ViewError("there is no chromium on the PATH; install it")
-    _, frames = read_inputs(model, clip)
-    with tempfile.TemporaryDirectory() as folder, make_server(Path(folder)) as server, sync_playwright() as driver:
+    with (
+        tempfile.TemporaryDirectory() as several,
+        tempfile.TemporaryDirectory() as folder,
+        make_server(Path(folder)) as server,
+        sync_playwright() as driver,
+    ):
+        if windows > 1:
+            write_windows(Path(several), model, windows)
+            model = Path(several)
+        _, frames = read_inputs(model, clip)
         write_site(Path(folder), model, frames)
         threading.Thread(target=server.serve_forever, daemon=True).start()
         browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
@@ -46,32 +59,45 @@ def main(model: Path, clip: Path) -> None:
         page.goto(f"http://127.0.0.1:{server.server_address[1]}/")
         expect(page.locator("#loading")).to_be_hidden(timeout=PATIENCE)
         click.echo(f"{page.locator('#facts').text_content()}; Chromium {browser.version}")
-        click.echo(f"a click: {summary(click_times(page))}")
+        click.echo(f"a click: {click_times(page, clicks)}")
         page.keyboard.press("2")
-        click.echo(f"while layers are rendered: {summary(click_times(page))}")
+        click.echo(f"while layers are rendered: {click_times(page, clicks)}")
         with page.expect_download() as download:
             page.locator("[data-save='tracks.npz']").click()
         tracks = Tracks.load(download.value.path())
         browser.close()
         server.shutdown()
-    difference = np.abs(tracks.xy - Tracker(model).track(tracks.queries).xy).max()
+        difference = np.abs(tracks.xy - Tracker(model).track(tracks.queries).xy).max()
     click.echo(f"{len(tracks.queries)} tracks, at most {difference:.5f} px from the runtime's")
 
 
-def click_times(page: Page) -> list[float]:
-    """Milliseconds of each of `CLICKS` clicks, spread over the picture."""
+def write_windows(folder: Path, model: Path, count: int) -> None:
+    """A model folder of so many windows which share twelve frames, or a quarter of theirs, and one model."""
+    facts = Tracker(model).facts
+    step = facts.num_frames - min(12, facts.num_frames // 4)
+    windows = tuple(Window(f"window-{each:03d}", each * step, each * step + facts.num_frames) for each in range(count))
+    for window in windows:
+        (folder / f"{window.name}.onnx").symlink_to(model.absolute())
+    Windows(facts.clip_name, windows[-1].end, facts.height, facts.width, facts.fps, windows).save(folder / FILE_NAME)
+
+
+def click_times(page: Page, clicks: int) -> str:
+    """Milliseconds of so many clicks, spread over the picture."""
     stage, rows = page.locator("#stage"), page.locator("#points li")
     box = stage.bounding_box()
     assert box is not None
-    times = []
-    for number in range(CLICKS):
+    shown, answered = [], []
+    for number in range(clicks):
         count = rows.count()
-        across, down = (0.05 + 0.9 * (number * step % CLICKS) / CLICKS for step in (7, 11))
+        across, down = (0.05 + 0.9 * (number * step % clicks) / clicks for step in (7, 11))
+        start = time.perf_counter()
         # with Shift, a click near a point places another one
         stage.click(position={"x": across * box["width"], "y": down * box["height"]}, modifiers=["Shift"])
         expect(rows).to_have_count(count + 1, timeout=PATIENCE)
-        times.append(float(page.locator("#status").get_attribute("data-milliseconds") or "nan"))
-    return times
+        shown.append(1000 * (time.perf_counter() - start))
+        expect(page.locator("[data-save='tracks.npz']")).to_be_enabled(timeout=PATIENCE)
+        answered.append(float(page.locator("#status").get_attribute("data-milliseconds") or "nan"))
+    return f"{summary(answered)}; with Playwright, until the point is listed: {summary(shown)}"
 
 
 def summary(times: list[float]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -89,6 +90,15 @@ def test_it_is_said_in_a_line_and_in_a_table():
         "gap 1               1203      0.20      2.90       68%       85%       93%      0.40",
         "gap 2 to 4          1203      0.61      2.90       68%       85%       93%      0.40",
     ]
+
+
+def test_it_is_said_as_on_the_page():
+    """The page says it by code of its own, which is held to the same table (`runtime/web/test/quality.test.ts`)."""
+    table = json.loads((Path(__file__).parents[1] / "recorded" / "quality.json").read_text())
+    for case in table:
+        quality = parse(json.dumps(case["quality"]))
+        assert (quality.summary(), quality.warning()) == (case["summary"], case["warning"])
+    assert len({case["warning"] for case in table}) > 8
 
 
 class TestWarning:

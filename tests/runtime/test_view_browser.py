@@ -15,10 +15,12 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker, Tracks
+from decomo_runtime import Tracker, Tracks, contract
 from decomo_runtime.cli import main as track_main
 from decomo_runtime.view.cli import main as view_main
 from decomo_runtime.view.site import write_site
+from decomotion.quality import Figures, Quality
+from decomotion.windows import FILE_NAME, Window, Windows
 from tiny_model import VELOCITY, write_tiny_model
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
@@ -27,7 +29,7 @@ from playwright.sync_api import expect
 from view_page import ViewPage, opened, served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Route
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
 
@@ -304,7 +306,7 @@ def test_a_folder_of_frames_is_dropped(view: ViewPage, clip: Path, tmp_path: Pat
     view.drop(folder / "notes.txt")
     view.expect_alert("notes.txt is nothing that this page opens")
     view.drop(tmp_path / "empty")
-    view.expect_alert("empty holds no images; drop the folder with the frames of the clip.")
+    view.expect_alert("empty holds no images and no windows.json; drop the folder with the frames")
     view.page.locator("#alert button").click()
     view.page.keyboard.press("2")
     view.drop(folder)
@@ -393,6 +395,150 @@ def test_what_was_set_stays_when_the_trial_of_webgpu_ends_and_when_frames_are_op
         expect(view.page.locator("input[value=clip]")).to_be_checked()
         expect(view.page.locator("#facts")).not_to_contain_text("without its clip")
         expect(view.page.locator("#spacing")).to_have_value("7")
+
+
+LENGTHS = (14, 12, 9, 11, 13)
+VELOCITIES = ((1.5, -0.5), (-0.75, 0.25), (0.5, 0.5), (-1, 0), (0.25, -0.25))
+
+
+@pytest.fixture(scope="module")
+def model_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five windows that move each in its own way, more than the page has open; before the last one is a cut.
+
+    In the first two nothing is hidden; in the others what is far from its own frame.
+    """
+    folder = tmp_path_factory.mktemp("models") / "walk"
+    begins = (0, 10, 18, 24, 35)
+    windows = tuple(
+        Window(f"window-{number:03d}", begin, begin + length)
+        for number, (begin, length) in enumerate(zip(begins, LENGTHS, strict=True))
+    )
+    for window, (x, y) in zip(windows, VELOCITIES, strict=True):
+        write_tiny_model(
+            folder / f"{window.name}.onnx",
+            num_frames=len(window),
+            height=HEIGHT,
+            width=WIDTH,
+            rename={"{1.5, -0.5}": f"{{{x}, {y}}}"} | ({f"{{{len(window)}}}": "{40}"} if window.begin < 18 else {}),
+        )
+    qualities = (None, quality(0.5), quality(2.5), None, None)
+    Windows("walk", 48, HEIGHT, WIDTH, 12.5, windows, quality=qualities).save(folder / FILE_NAME)
+    return folder
+
+
+def quality(median: float) -> Quality:
+    figures = Figures(60, median, 2 * median + 1, 3 * median, 6 * median + 3, 0.5, 0.6, 0.7, 0.1)
+    return Quality(900, None, figures, None, None, ())
+
+
+def test_a_model_folder_answers_as_the_runtime_does(chromium: Browser, model_folder: Path, tmp_path: Path):
+    tracker = Tracker(model_folder)
+    with opened(chromium, tmp_path / "site", model_folder) as view:
+        expect(view.page.locator("#facts")).to_contain_text("40 in 5 windows · preset cpu")
+        for number, frame in enumerate((0, 11, 21, 34, 35)):
+            view.seek(frame)
+            view.click(4 + 9 * number, 30 - 6 * number)
+        view.seek(28)
+        view.drag((2, 2), (45, 37))
+        expect(view.rows).not_to_have_count(5)
+        tracks = view.tracks(tmp_path)
+        assert len(tracks.queries) > 50
+        expected = tracker.track(tracks.queries)
+        np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-2)
+        np.testing.assert_allclose(tracks.occlusion, expected.occlusion, atol=1e-4)
+        view.clear()
+        view.page.get_by_label("Fused", exact=True).check(force=True)
+        for frame in (3, 40):
+            view.seek(frame)
+            colour = tracker.sample([(frame, 10.0, 8.0)]).rgb[0]
+            for _ in range(100):
+                if np.abs(view.colour_at(10, 8) - colour).max() < 0.02:
+                    break
+                view.page.wait_for_timeout(50)
+            np.testing.assert_allclose(view.colour_at(10, 8), colour, atol=0.02)
+
+
+def test_a_point_is_shown_while_windows_far_from_it_are_still_to_come(
+    chromium: Browser, model_folder: Path, tmp_path: Path
+):
+    (tmp_path / "clip").mkdir()
+    for frame in range(48):
+        cv2.imwrite(str(tmp_path / "clip" / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), 5 * frame, np.uint8))
+    with opened(chromium, tmp_path / "site", model_folder, tmp_path / "clip") as view:
+        held: list[Route] = []
+        third = "**/window-002.onnx"
+        view.page.route(third, lambda route: held.append(route))
+        view.seek(2)
+        view.click(20, 21)
+        np.testing.assert_allclose(view.where_drawn(), (20, 21), atol=0.5)
+        expect(view.page.locator("#status")).to_contain_text("Following the point")
+        expect(view.page.locator("[data-save='tracks.npz']")).to_be_disabled()
+        name = view.rows.nth(0).locator("input[type=text]")
+        name.fill("left ey")
+        view.page.wait_for_timeout(100)
+        held.pop().continue_()
+        tracks = view.tracks(tmp_path)
+        expect(name).to_have_value("left ey")
+        expected = Tracker(model_folder).track(tracks.queries)
+        np.testing.assert_allclose(tracks.xy, expected.xy, atol=1e-2)
+        seen = np.count_nonzero(~expected.occluded)
+        expect(view.rows.nth(0).locator("small")).to_have_text(f"{seen}/48")
+        view.page.unroute(third)
+        view.page.route(third, lambda route: route.abort())
+        view.seek(3)
+        view.stage.click(position={"x": 5, "y": 5})
+        view.expect_alert("model/window-002.onnx cannot be loaded from where the page lies")
+        expect(view.rows).to_have_count(1)
+        view.complaints.clear()  # of the browser, that it was not loaded
+
+
+def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_folder: Path, tmp_path: Path):
+    worst = Tracker(model_folder).quality
+    assert worst is not None
+    with opened(chromium, tmp_path / "site", model_folder) as view:
+        said = view.page.locator("#quality")
+        expect(said).to_contain_text(f"In the worst window, {worst.summary()}. The fit falls short of its links")
+        expect(said).to_contain_text("; fit for longer with decomo-train --resume.")
+        alone = write_tiny_model(
+            tmp_path / "alone.onnx",
+            num_frames=3,
+            height=8,
+            width=10,
+            metadata={contract.META_QUALITY: quality(0.5).as_json()},
+        )
+        view.open(alone)
+        expect(said).to_have_text(f"H{quality(0.5).summary()[1:]}.")
+        view.open(write_tiny_model(tmp_path / "mute.onnx", num_frames=3, height=8, width=10))
+        expect(said).to_be_hidden()
+
+
+def test_a_model_folder_is_dropped_or_its_files_are_opened(
+    chromium: Browser, model: Path, model_folder: Path, tmp_path: Path
+):
+    expected = Tracker(model_folder).track([[28, 20, 21]])
+    files = sorted(model_folder.iterdir())
+    assert files[-1].name == FILE_NAME
+    broken = shutil.copytree(model_folder, tmp_path / "broken")
+    (broken / FILE_NAME).write_text("{}")
+    with opened(chromium, tmp_path / "site", model) as view:
+        for given, sentence in (
+            (files[:-1], "These are 5 models without their windows.json; give one, or a whole model folder."),
+            (files[2:], "window-000.onnx, window-001.onnx is missing beside windows.json; open the whole folder"),
+            ([broken / FILE_NAME], "windows.json does not tell where the clip's windows are, or is damaged"),
+        ):
+            view.open(*given)
+            view.expect_alert(sentence)
+        for give in (lambda: view.drop(model_folder), lambda: view.open(*files)):
+            view.open(model)
+            expect(view.page.locator("#facts")).to_contain_text("slide · 6 frames")
+            give()
+            expect(view.page.locator("#facts")).to_contain_text("walk · 48 frames")
+            expect(view.page.locator("#alert")).to_be_hidden()
+            view.wait_until_open()
+            view.seek(28)
+            view.click(20, 21)
+            xy = view.tracks(tmp_path).xy
+            np.testing.assert_allclose(xy, expected.xy, atol=0.05)  # a click is kept to a hundredth of a pixel
 
 
 def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp_path: Path):

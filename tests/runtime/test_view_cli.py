@@ -18,6 +18,7 @@ from children import child
 from decomo_runtime.view import cli
 from decomo_runtime.view.site import PAGE
 from decomotion.clip import read_clip
+from decomotion.windows import FILE_NAME, Windows, split
 from full_disk import writes_end_at
 from tiny_model import write_tiny_model
 
@@ -45,6 +46,36 @@ def test_export_without_a_clip_into_an_empty_folder(model_path: Path, tmp_path: 
     (tmp_path / "site").mkdir()
     assert cli.main([str(model_path), "--export", str(tmp_path / "site")]) == 0
     assert json.loads((tmp_path / "site" / "site.json").read_text())["clip"] is None
+
+
+@pytest.fixture
+def model_folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "walk"
+    layout = Windows("walk", 30, 40, 48, 12.5, split(30, [], 14))
+    for window in layout.windows:
+        write_tiny_model(folder / f"{window.name}.onnx", num_frames=len(window), height=40, width=48)
+    layout.save(folder / FILE_NAME)
+    return folder
+
+
+def test_a_model_folder_is_copied_and_nothing_else_in_it(model_folder: Path, tmp_path: Path):
+    (model_folder / "notes.txt").write_text("mine")
+    site = tmp_path / "site"
+    assert cli.main([str(model_folder), "--export", str(site)]) == 0
+    assert json.loads((site / "site.json").read_text())["model"] == "model/windows.json"
+    copied = {file.name: file.read_bytes() for file in (site / "model").iterdir()}
+    names = ["window-000.onnx", "window-001.onnx", "window-002.onnx", "windows.json"]
+    assert copied == {name: (model_folder / name).read_bytes() for name in names}
+
+
+def test_refuses_a_model_folder_that_is_not_whole(
+    model_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (model_folder / "window-001.onnx").unlink()
+    assert "lacks window-001.onnx" in refusal(capsys, model_folder, "--export", tmp_path / "site")
+    (model_folder / FILE_NAME).unlink()
+    assert f"a folder without {FILE_NAME}" in refusal(capsys, model_folder, "--export", tmp_path / "site")
+    assert not (tmp_path / "site").exists()
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:

@@ -23,8 +23,9 @@ _PATH = click.Path(path_type=Path)
 def view(model: Path, clip_path: Path | None, export_folder: Path | None, port: int, browser: bool) -> None:
     """Opens a page on which MODEL follows the points that you click.
 
-    MODEL is a file written by decomo-export. The page runs it itself, on this machine and offline; without --clip the
-    model's own rendering is the picture. --export writes a folder that any web host can serve.
+    MODEL is a file, or the folder of a clip of several windows, written by decomo-export. The page runs it itself, on
+    this machine and offline; without --clip the model's own rendering is the picture. --export writes a folder that any
+    web host can serve.
     """
     import tempfile
 

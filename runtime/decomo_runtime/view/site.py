@@ -6,27 +6,32 @@ import json
 import shutil
 from pathlib import Path
 
-from decomo_runtime.model_file import ModelFacts, open_session, read_facts
+from decomo_runtime.errors import ModelFileError
+from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.overlay import check_clip
+from decomo_runtime.tracker import Tracker
 from decomotion.clip import Clip, read_clip
 from decomotion.files import naming, new_folder
 from decomotion.images import jpeg
 from decomotion.outputs import check_new_folder
+from decomotion.windows import FILE_NAME, Windows
 
 PAGE = Path(__file__).parent / "page"
-MODEL_NAME = "model.onnx"
+MODEL_NAME, MODEL_FOLDER = "model.onnx", "model"
+"""Of the copy of the model."""
 SITE_NAME = "site.json"
-"""What the page reads first: `{"model": path, "clip": {"name", "frames": [path, ...]} or null}`."""
+"""What the page reads first: `{"model": path, "clip": {"name", "frames": [path, ...]} or null}`; of a model folder, the
+path is that of its `windows.json`."""
 _JPEG_QUALITY = 92
 
 
 def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip | None]:
-    """The facts of the model and the clip, both checked.
+    """The facts of the model, a file or a folder, and the clip, both checked.
 
     Raises `ModelFileError` where the model is not one that runs, `ClipError` where the clip cannot be read and
     `OverlayError` where it is not the one that the model was fitted to.
     """
-    facts = read_facts(open_session(model), model)
+    facts = Tracker(model).facts
     if clip_path is None:
         return facts, None
     clip = read_clip(clip_path)
@@ -35,7 +40,7 @@ def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip |
 
 
 def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
-    """Fills `folder`, which must exist and be empty, with the page, the file `model` and the frames of `clip`.
+    """Fills `folder`, which must exist and be empty, with the page, `model` (a file or a folder) and `clip`'s frames.
 
     Raises `OSError`, naming `folder`, where the disk is full.
     """
@@ -44,9 +49,9 @@ def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
             if part.is_file():  # and not the folders themselves: their permissions would come along
                 (folder / part.relative_to(PAGE)).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(part, folder / part.relative_to(PAGE))
-        shutil.copyfile(model, folder / MODEL_NAME)
+        name = _copy_windows(model, folder) if model.is_dir() else _copy(model, folder / MODEL_NAME)
         frames = [] if clip is None else _write_frames(folder / "clip", clip)
-        site = {"model": MODEL_NAME, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
+        site = {"model": name, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
         (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
 
 
@@ -55,6 +60,21 @@ def export_site(folder: Path, model: Path, clip: Clip | None) -> None:
     check_new_folder("--export", folder)
     with new_folder(folder) as temporary:
         write_site(temporary, model, clip)
+
+
+def _copy(file: Path, copy: Path) -> str:
+    """Returns the name of the copy."""
+    shutil.copyfile(file, copy)
+    return copy.name
+
+
+def _copy_windows(model: Path, folder: Path) -> str:
+    """Copies `windows.json` and the files that it names, and nothing else; returns the path of the former."""
+    (folder / MODEL_FOLDER).mkdir()
+    layout = Windows.load(model / FILE_NAME, ModelFileError)
+    for name in [FILE_NAME, *(f"{window.name}.onnx" for window in layout.windows)]:
+        _copy(model / name, folder / MODEL_FOLDER / name)
+    return f"{MODEL_FOLDER}/{FILE_NAME}"
 
 
 def _write_frames(folder: Path, clip: Clip) -> list[str]:

@@ -4,9 +4,10 @@ import { Clip, type ClipRecord } from "./clip";
 import type { Scene } from "./draw";
 import { type Place, gridCells, gridInside } from "./geometry";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
-import { Model } from "./model/client";
+import { type Files, Model } from "./model/client";
 import { InputError } from "./model/facts";
-import { type Draft, PointList, splitTracks } from "./points";
+import type { Tracked } from "./model/protocol";
+import { type Draft, type Point, PointList, splitTracks } from "./points";
 import { PointRows } from "./ui/list";
 import { Player } from "./ui/player";
 import type { View } from "./ui/view";
@@ -31,6 +32,8 @@ export class App {
   private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
+  /** Askings whose points are on the list while more of their tracks is to come. */
+  private unfinished = 0;
 
   constructor(private readonly view: View) {
     this.player = new Player(
@@ -43,12 +46,15 @@ export class App {
     });
   }
 
-  /** Opens a model; the former one and its points go, and the clip where it is not the new model's. */
-  async openModel(bytes: ArrayBuffer, name: string): Promise<void> {
+  /**
+   * Opens a model, or the `windows.json` of several; the former one and its points go, and the clip where it is not the
+   * new model's.
+   */
+  async openModel(path: string, files: Files): Promise<void> {
     const turn = ++this.opening;
-    this.view.loading(`Opening ${name} …`);
+    this.view.loading(`Opening ${path} …`);
     try {
-      const model = await Model.open(bytes, name);
+      const model = await Model.open(path, files);
       if (turn !== this.opening) {
         model.close();
         return;
@@ -70,7 +76,7 @@ export class App {
       this.keepClip();
       this.layer = this.clip ? "clip" : "fused";
       this.view.opened(model, this.clip !== undefined);
-      void model.tryWebgpu(bytes).then(() => {
+      void model.tryWebgpu().then(() => {
         if (model === this.model) this.view.facts(model, this.clip !== undefined);
       });
     } finally {
@@ -94,32 +100,49 @@ export class App {
     this.setClip(await Clip.fromFiles(files, facts, () => this.show(), (error) => this.view.alert(error)));
   }
 
-  /** Asks the model for the tracks of `drafts` and puts the points on the list, as one step. */
+  /**
+   * Asks the model for the tracks of `drafts` and puts the points on the list, as one step: as soon as the first window
+   * has answered, and with more of their tracks as the others do.
+   */
   async addPoints(drafts: readonly Draft[]): Promise<void> {
     const model = this.model;
     if (model === undefined || drafts.length === 0) return;
     const { numFrames, occlusionThreshold } = model.facts;
     const start = performance.now();
     const queries = Float32Array.from(drafts.flatMap(({ t, x, y }) => [t, x, y]));
-    const onProgress = (done: number): void => {
-      if (drafts.length > 1) this.view.status(`${done} of ${drafts.length} points …`);
+    const what = drafts.length === 1 ? "the point" : `${drafts.length} points`;
+    const onProgress = (share: number): void => {
+      if (share < 1 && model === this.model) this.view.status(`Following ${what} … ${Math.round(100 * share)} %`);
     };
-    const answer = await model.track(queries, onProgress).catch((error: unknown) => {
-      if (model === this.model) throw error;
-    });
-    if (answer === undefined || model !== this.model) return;
-    const milliseconds = performance.now() - start;
-    const tracks = splitTracks(answer.tracks, answer.occlusion, numFrames, occlusionThreshold);
-    const added = this.points.add(drafts, tracks);
+    let added: readonly Point[] = [];
+    const onPart = ({ tracks, occlusion }: Tracked): void => {
+      if (model !== this.model) return;
+      const parts = splitTracks(tracks, occlusion, numFrames, occlusionThreshold);
+      if (added.length > 0) return this.points.retrack(added, parts);
+      this.unfinished++;
+      added = this.points.add(drafts, parts);
+      this.select(added[0]?.id);
+    };
+    let answer: Tracked;
+    try {
+      answer = await model.track(queries, onProgress, onPart);
+    } catch (error) {
+      if (model !== this.model) return;
+      this.points.forget(added);
+      throw error;
+    } finally {
+      if (added.length > 0) this.unfinished--;
+      this.onPoints();
+    }
     const [first] = added;
-    if (first === undefined) return;
-    this.select(first.id);
-    const seen = first.track.occluded.filter((hidden) => !hidden).length;
-    const what =
+    if (first === undefined || model !== this.model) return;
+    const milliseconds = performance.now() - start;
+    const seen = answer.occlusion.filter((score) => score <= occlusionThreshold).length;
+    const found =
       added.length === 1
         ? `${first.name} at (${first.x}, ${first.y}) of frame ${first.t}: in sight in ${seen} of ${numFrames} frames`
         : `${added.length} points in ${numFrames} frames`;
-    this.view.answered(`${what}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
+    this.view.answered(`${found}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
   }
 
   addAt(place: Place, t: number): Promise<void> {
@@ -246,7 +269,7 @@ export class App {
   private onPoints(): void {
     if (!this.points.all.some(({ id }) => id === this.selected)) this.selected = this.points.all.at(-1)?.id;
     this.rows.update(this.selected);
-    this.view.points(this.points);
+    this.view.points(this.points, this.unfinished > 0);
     this.show();
   }
 }

@@ -13,6 +13,10 @@ export type Layer = (typeof LAYERS)[number];
 /** Longer sides of the rasters, in pixels; frames not shown are rendered ahead up to `AHEAD_LEVEL`. */
 const SIDES = [48, 128, 384] as const;
 const AHEAD_LEVEL = 1;
+/** What the rasters of all frames may take, were they all of the finest. */
+const ROOM_BYTES = 512 * 2 ** 20;
+/** Rasters that were given up on the way and are kept to go on with. */
+const MOST_BEGUN = 12;
 const RAYS = { first: 512, least: 128, most: 16384 };
 const SECONDS_PER_REQUEST = 0.05;
 
@@ -41,16 +45,23 @@ export function rays(t: number, raster: Size, image: Size, first: number, last: 
   return queries;
 }
 
-/** What to render next: the frame shown to the finest level, then every other one up to `AHEAD_LEVEL`. */
+/** Frames whose rasters are kept. */
+export function roomFor(image: Size): number {
+  const { width, height } = rasterSize(image, SIDES.length - 1);
+  return Math.max(2, Math.floor(ROOM_BYTES / (4 * RENDERED.length * width * height)));
+}
+
+/** What to render next: the frame shown to the finest level, then those after it, as many as are kept, up to `AHEAD_LEVEL`. */
 export function nextWork(
   shown: number,
   numFrames: number,
+  room: number,
   levelOf: (frame: number) => number,
 ): { frame: number; level: number } | undefined {
   const levels = SIDES.map((_, level) => level);
   for (const level of levels) if (levelOf(shown) < level) return { frame: shown, level };
   for (const level of levels.filter((level) => level <= AHEAD_LEVEL)) {
-    for (let ahead = 1; ahead < numFrames; ahead++) {
+    for (let ahead = 1; ahead < Math.min(numFrames, room); ahead++) {
       const frame = (shown + ahead) % numFrames;
       if (levelOf(frame) < level) return { frame, level };
     }
@@ -58,7 +69,7 @@ export function nextWork(
   return undefined;
 }
 
-/** Renders whatever frame is shown, and the others ahead, in requests so short that a click gets its turn. */
+/** Renders whatever frame is shown, and others ahead as there is room, in requests so short that a click gets its turn. */
 export class LayerRenderer {
   private readonly finished = new Map<number, Raster>();
   /** Rasters given up on the way, to go on with, by frame and level, and how many of their pixels are done. */
@@ -73,6 +84,7 @@ export class LayerRenderer {
     private readonly render: (queries: Float32Array) => Promise<Appearance>,
     private readonly onRaster: (frame: number) => void,
     private readonly onError: (error: unknown) => void,
+    private readonly room = roomFor(facts),
   ) {}
 
   /** The finest raster of `frame` so far; asks for a finer one. */
@@ -97,7 +109,7 @@ export class LayerRenderer {
     this.running = true;
     try {
       for (;;) {
-        const work = nextWork(this.shown, this.facts.numFrames, (frame) => this.finished.get(frame)?.level ?? -1);
+        const work = nextWork(this.shown, this.facts.numFrames, this.room, (frame) => this.finished.get(frame)?.level ?? -1);
         if (work === undefined || this.closed) break;
         const shown = this.shown;
         await this.make(work.frame, work.level, () => work.level === 0 || this.shown === shown);
@@ -114,7 +126,9 @@ export class LayerRenderer {
   private async make(frame: number, level: number, wanted: () => boolean): Promise<Raster> {
     const key = `${frame}@${level}`;
     const part = this.begun.get(key) ?? { raster: blankRaster(this.facts, level), done: 0 };
+    this.begun.delete(key); // to the end of the order in which they are dropped
     this.begun.set(key, part);
+    if (this.begun.size > MOST_BEGUN) this.begun.delete([...this.begun.keys()][0] ?? key);
     const { raster } = part;
     const count = raster.width * raster.height;
     while (part.done < count) {
@@ -128,9 +142,16 @@ export class LayerRenderer {
     this.begun.delete(key);
     if (level > (this.finished.get(frame)?.level ?? -1)) {
       this.finished.set(frame, raster);
+      if (this.finished.size > this.room) this.dropLast();
       this.onRaster(frame);
     }
     return raster;
+  }
+
+  /** Drops the raster of the frame that comes last from the one shown, round and round. */
+  private dropLast(): void {
+    const ahead = (frame: number): number => (frame - this.shown + this.facts.numFrames) % this.facts.numFrames;
+    this.finished.delete([...this.finished.keys()].reduce((a, b) => (ahead(a) > ahead(b) ? a : b)));
   }
 
   private adapt(seconds: number): void {

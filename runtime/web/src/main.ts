@@ -1,13 +1,14 @@
 /** Starts the page: what the browser lacks is said first, then the model and clip beside the page are opened. */
 
 import { App } from "./app";
+import type { Files } from "./model/client";
 import { InputError } from "./model/facts";
 import { readSite } from "./site";
 import { listenToFiles } from "./ui/files";
 import { listenToKeys } from "./ui/keys";
 import { View } from "./ui/view";
 
-const OPEN_ONE = "Open a model, or drop one here: the .onnx file that 'decomo-export' wrote.";
+const OPEN_ONE = "Open a model, or drop one here: the .onnx file, or the folder, that 'decomo-export' wrote.";
 /** A function in WebAssembly that holds an instruction of SIMD. */
 const SIMD = [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11];
 
@@ -24,6 +25,16 @@ async function start(): Promise<void> {
   });
 }
 
+/** What lies beside the page. */
+const beside: Files = {
+  has: () => true,
+  read: async (path) => {
+    const response = await fetch(path).catch(() => undefined);
+    if (!response?.ok) throw new InputError(`${path} cannot be loaded from where the page lies; copy it there again, or start 'decomo-view' again.`);
+    return response.arrayBuffer();
+  },
+};
+
 /** Opens the model and the clip beside the page, where there are some. */
 async function openSite(): Promise<void> {
   const response = await fetch("site.json");
@@ -32,9 +43,7 @@ async function openSite(): Promise<void> {
     return;
   }
   const site = readSite(await response.text());
-  const model = await fetch(site.model);
-  if (!model.ok) throw new InputError(`${site.model} cannot be loaded from where the page lies; copy it there again.`);
-  await app.openModel(await model.arrayBuffer(), site.model);
+  await app.openModel(site.model, beside);
   if (site.clip) app.openServedClip(site.clip);
 }
 

@@ -2,7 +2,7 @@
 
 /** Where one point is in every frame of the clip. */
 export interface Track {
-  /** [T, 2], (x, y) in pixels of the clip, pixel centres at integers. */
+  /** [T, 2], (x, y) in pixels of the clip, pixel centres at integers; NaN in frames that are not answered yet. */
   readonly xy: Float32Array;
   /** [T], score in [0, 1]. */
   readonly occlusion: Float32Array;
@@ -64,6 +64,23 @@ export class PointList {
     return added;
   }
 
+  /** Gives each of `points` another track, as if it had always been so. */
+  retrack(points: readonly Point[], tracks: readonly Track[]): void {
+    const found = new Map(points.map(({ id }, index) => [id, tracks[index]]));
+    this.rewrite((all) =>
+      all.map((point) => {
+        const track = found.get(point.id);
+        return track ? { ...point, track } : point;
+      }),
+    );
+  }
+
+  /** Removes points as if they had never been added. */
+  forget(points: readonly Point[]): void {
+    const gone = new Set(points.map(({ id }) => id));
+    this.rewrite((all) => all.filter(({ id }) => !gone.has(id)));
+  }
+
   change(id: number, part: Partial<Pick<Point, "name" | "colour">>): void {
     this.commit(this.current.map((point) => (point.id === id ? { ...point, ...part } : point)));
   }
@@ -89,6 +106,13 @@ export class PointList {
     this.past.length = this.future.length = 0;
     this.current = [];
     this.lastId = 0;
+    this.onChange();
+  }
+
+  /** Changes the list, past and future ones too. */
+  private rewrite(change: (all: readonly Point[]) => readonly Point[]): void {
+    for (const lists of [this.past, this.future]) lists.forEach((points, step) => (lists[step] = change(points)));
+    this.current = change(this.current);
     this.onChange();
   }
 

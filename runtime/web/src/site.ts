@@ -4,6 +4,7 @@ import type { ClipRecord } from "./clip";
 import { InputError } from "./model/facts";
 
 export interface Site {
+  /** Of the model file, or of the `windows.json` of a clip of several windows, their model files beside it. */
   readonly model: string;
   readonly clip: ClipRecord | null;
 }

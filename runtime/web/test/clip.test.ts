@@ -54,6 +54,17 @@ describe("frames of a clip", () => {
     expect(asked).toHaveLength(ROOM);
   });
 
+  it("are kept no more than there is room for, however many are passed by", async () => {
+    const { clip } = opened(3600, SIDE);
+    for (let frame = 0; frame < 3600; frame += 90) {
+      clip.get(frame);
+      await new Promise((done) => setTimeout(done));
+      await clip.wait(frame);
+    }
+    expect(Reflect.get(clip, "decoded").size).toBe(ROOM);
+    expect(Reflect.get(clip, "underway").size).toBe(0);
+  });
+
   it("are read no more once it is closed", async () => {
     const { clip, asked } = opened(40, 16);
     clip.get(0);

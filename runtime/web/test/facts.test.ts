@@ -46,7 +46,7 @@ describe("readFacts", () => {
   it("reads what the exporter writes", () => {
     expect(readFacts(model(METADATA), "m.onnx")).toEqual({
       ...{ clipName: "goat", numFrames: 32, height: 240, width: 320 },
-      ...{ fps: 12.5, preset: "cpu", occlusionThreshold: 0.5 },
+      ...{ fps: 12.5, preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 },
       times: Array.from({ length: 32 }, (_, frame) => frame / 12.5),
     });
   });
@@ -57,6 +57,16 @@ describe("readFacts", () => {
     expect(readFacts(written(JSON.stringify(uneven)), "m.onnx").times).toEqual(uneven);
     for (const wrong of ["[0, 1]", JSON.stringify(uneven.map(String)), "[0, 1", "7"]) {
       expect(refusal(written(wrong))).toContain("impossible metadata decomotion.times");
+    }
+  });
+
+  it("reads how good the fit is, where the file says it", () => {
+    const figures = { links: 60, median: 0.5, p90: 1, median_pixels: 1, p90_pixels: 2, within_1: 0.5, within_2: 0.6, within_4: 0.7, own_error: 0.1 };
+    const quality = { steps: 900, thinned: null, all: figures, static: null, dynamic: null, gaps: [] };
+    const written = (text: string) => model({ ...METADATA, "decomotion.quality": text });
+    expect(readFacts(written(JSON.stringify(quality)), "m.onnx").quality?.all.median).toBe(0.5);
+    for (const wrong of ["", "[", "{}", JSON.stringify({ ...quality, steps: 0 })]) {
+      expect(refusal(written(wrong))).toContain("impossible metadata decomotion.quality");
     }
   });
 
@@ -78,6 +88,7 @@ describe("readFacts", () => {
     ["width", "1.5"],
     ["fps", "inf"],
     ["occlusion_threshold", "2"],
+    ["object_share", "1"],
     ["height", ""],
   ])("refuses the impossible %s = %s", (key, value) => {
     expect(refusal(model({ ...METADATA, [`decomotion.${key}`]: value }))).toContain(`impossible metadata decomotion.${key}`);

@@ -6,7 +6,7 @@ import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../src/files/write"
 import type { ModelFacts } from "../src/model/facts";
 import type { Point } from "../src/points";
 
-const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
+const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
 const POINTS: Point[] = [
   {
     ...{ id: 1, name: 'a "b", c', colour: "#102030", t: 1, x: 2.25, y: -0.5 },

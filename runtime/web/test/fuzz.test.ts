@@ -7,11 +7,12 @@ import { writeNpy } from "../src/files/npy";
 import { readPoints } from "../src/files/read";
 import { InputError, type ModelFacts, readFacts } from "../src/model/facts";
 import { frameOrder } from "../src/order";
+import { readWindows } from "../src/model/windows";
 import { readSite } from "../src/site";
 
 fc.configureGlobal({ seed: 22, numRuns: 300 });
 
-const FACTS: ModelFacts = { clipName: "c", numFrames: 3, height: 8, width: 10, fps: 12, times: Array.from({ length: 3 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
+const FACTS: ModelFacts = { clipName: "c", numFrames: 3, height: 8, width: 10, fps: 12, times: Array.from({ length: 3 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
 
 /** What `read` gives; undefined where it says in a sentence what is wrong. */
 function orRefused<T>(read: () => T): T | undefined {
@@ -75,6 +76,19 @@ describe("a file of points", () => {
 test("a model of any bytes", () => {
   const bytes = fc.oneof(fc.uint8Array({ maxLength: 300 }), fc.array(fc.constantFrom(0x3a, 0x72, 0x0a, 0x12, 2, 8, 255), { maxLength: 60 }).map((all) => Uint8Array.from(all)));
   fc.assert(fc.property(bytes, (file) => (orRefused(() => readFacts(file, "m.onnx"))?.numFrames ?? 1) >= 1));
+});
+
+test("any windows.json: its windows lead from the first frame to the last", () => {
+  const whole = fc.integer({ min: -1, max: 12 });
+  const window = fc.record({ name: fc.constantFrom("window-0", "window-1", "w", ""), begin: whole, end: whole });
+  const numbers = { num_frames: whole, height: whole, width: whole, fps: whole, pixel_aspect: whole };
+  const layout = fc.record({ format_version: fc.constantFrom(1, 2, null), clip: fc.string(), ...numbers, seconds: fc.oneof(fc.constant(null), value), windows: fc.array(window, { maxLength: 3 }), quality: value }, { requiredKeys: ["clip", "seconds"] });
+  fc.assert(
+    fc.property(fc.oneof(fc.string(), value.map((content) => JSON.stringify(content)), layout.map((content) => JSON.stringify(content))), (text) => {
+      const { windows, facts } = orRefused(() => readWindows(text ?? "", "windows.json")) ?? {};
+      return windows === undefined || (windows[0]?.begin === 0 && windows.at(-1)?.end === facts?.numFrames && facts?.times.length === facts?.numFrames);
+    }),
+  );
 });
 
 test("any site.json", () => {

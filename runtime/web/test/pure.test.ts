@@ -1,6 +1,6 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
 import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
-import { LayerRenderer, nextWork, rasterSize, rays } from "../src/layers";
+import { LayerRenderer, nextWork, rasterSize, rays, roomFor } from "../src/layers";
 import type { Appearance } from "../src/model/protocol";
 import { PointList, type Track, colourOf, spans, splitTracks } from "../src/points";
 import { Player } from "../src/ui/player";
@@ -26,6 +26,25 @@ describe("the list of points", () => {
     for (let step = 0; step < 9; step++) points.undo();
     expect(points.all).toEqual([]);
     expect(points.canUndo).toBe(false);
+  });
+
+  it("takes later tracks, and points back that were not to be followed, as if it had always been so", () => {
+    const points = new PointList();
+    const later: Track = { xy: Float32Array.of(7, 8), occlusion: Float32Array.of(1), occluded: [true] };
+    const first = points.add([draft(1)], [TRACK]);
+    const others = points.add([draft(2), draft(3)], [TRACK, TRACK]);
+    points.change(1, { name: "eye" });
+    points.undo();
+    points.retrack(first, [later]);
+    points.forget(others);
+    const names = () => points.all.map(({ name, track }) => [name, track]);
+    expect(names()).toEqual([["Point 1", later]]);
+    points.redo();
+    expect(names()).toEqual([["eye", later]]);
+    for (const expected of [1, 1, 0]) {
+      points.undo();
+      expect(points.all).toHaveLength(expected);
+    }
   });
 
   it("gives neighbours colours that differ", () => {
@@ -94,7 +113,7 @@ describe("layers", () => {
     const levels = [-1, -1, -1];
     const order: string[] = [];
     for (;;) {
-      const work = nextWork(1, 3, (frame) => levels[frame] ?? 9);
+      const work = nextWork(1, 3, 9, (frame) => levels[frame] ?? 9);
       if (work === undefined) break;
       order.push(`${work.frame}@${work.level}`);
       levels[work.frame] = work.level;
@@ -104,14 +123,14 @@ describe("layers", () => {
 });
 
 describe("the renderer of layers", () => {
-  const facts = { clipName: "c", numFrames: 2, height: 512, width: 512, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5 };
+  const facts = { clipName: "c", numFrames: 2, height: 512, width: 512, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
   afterEach(() => {
     vi.unstubAllGlobals();
     vi.restoreAllMocks();
   });
 
   /** A renderer whose requests wait for `step` and then seem to have taken so long that they stay short. */
-  function renderer() {
+  function renderer(numFrames = 2, room?: number, side = 512) {
     class Pixels {
       readonly data: Uint8ClampedArray;
       constructor(readonly width: number, readonly height: number) {
@@ -128,13 +147,42 @@ describe("the renderer of layers", () => {
       const seen = { rgb: three, rgb_static: three, rgb_dynamic: three, static_confidence: one, depth: one, static_opacity: one };
       return new Promise((resolve) => waiting.push(() => resolve(seen)));
     };
-    const made = new LayerRenderer(facts, render, () => {}, (error) => expect.fail(String(error)));
+    const made = new LayerRenderer({ ...facts, numFrames, width: side, height: side }, render, () => {}, (error) => expect.fail(String(error)), room);
     const step = async (): Promise<void> => {
       for (const answer of waiting.splice(0)) answer();
       await new Promise((done) => setTimeout(done));
     };
-    return { made, step };
+    return { made, step, asked: () => waiting.length };
   }
+
+  it("makes and keeps the frames next to come, as many as there is room for", async () => {
+    const { made, step, asked } = renderer(3600, 3, 40);
+    const kept = (): number[] => Array.from({ length: 3600 }, (_, frame) => frame).filter((frame) => made.get(frame) !== undefined);
+    for (const [shown, expected] of [[20, [20, 21, 22]], [3599, [0, 1, 3599]]] as const) {
+      made.get(shown);
+      for (let quiet = 0; quiet < 3; quiet = asked() === 0 ? quiet + 1 : 0) await step();
+      expect(kept()).toEqual(expected);
+    }
+  });
+
+  it("keeps few of the rasters that it gave up, however many frames are passed by", async () => {
+    const { made, step } = renderer(3600);
+    for (let frame = 0; frame < 30; frame++) {
+      for (const _ of Array(48 ** 2 / 128 + 8)) {
+        made.get(frame);
+        await step();
+      }
+    }
+    expect(Reflect.get(made, "begun").size).toBe(12);
+  });
+
+  it("has room for no more than half a gigabyte", () => {
+    for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
+      const finest = rasterSize({ width, height }, 2);
+      const bytes = 5 * 4 * finest.width * finest.height;
+      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 29 / bytes));
+    }
+  });
 
   it("goes on with a raster where it was left when another frame was shown", async () => {
     const { made, step } = renderer();

@@ -1,7 +1,11 @@
-/** The model as the page sees it: promises in front of the worker that runs it. */
+/** The models of a clip's windows as the page sees them: one that answers for the whole clip. */
 
 import { InputError, type ModelFacts, readFacts } from "./facts";
-import type { Answer, Appearance, Backend, Kind, Request, Requests, Tracked } from "./protocol";
+import { follow } from "./journey";
+import type { Appearance, Backend, Tracked } from "./protocol";
+import { type Models, Returnings } from "./returning";
+import { type ModelFile, Sessions, runs } from "./sessions";
+import { type Window, frames, home, readWindows } from "./windows";
 
 /** Rays in one request: each query's own and one for each frame. Short, so that a click never waits for long. */
 const RAYS_PER_REQUEST = 2048;
@@ -10,82 +14,75 @@ const PROBE_RAYS = 1024;
 /** Mean difference; a few rays graze an edge and may tip over. */
 const PROBE_TOLERANCE = 0.005;
 
-const CLOSED = "The model was closed before it had answered.";
-
-class Runner {
-  threads = 1;
-  private readonly worker: Worker;
-  private readonly waiting = new Map<number, { resolve: (value: never) => void; reject: (error: Error) => void }>();
-  private lastId = 0;
-  private closed = false;
-
-  constructor(worker: Worker) {
-    this.worker = worker;
-    this.worker.onmessage = ({ data }: MessageEvent<Answer>) => {
-      const request = this.waiting.get(data.id);
-      this.waiting.delete(data.id);
-      if ("error" in data) request?.reject(new Error(data.error));
-      else request?.resolve(data.value as never);
-    };
-    this.worker.onerror = (event) => {
-      for (const { reject } of this.waiting.values()) reject(new Error(event.message || "the worker did not start"));
-      this.waiting.clear();
-    };
-  }
-
-  ask<K extends Kind>(kind: K, args: Requests[K]["args"]): Promise<Requests[K]["answer"]> {
-    const id = ++this.lastId;
-    return new Promise((resolve, reject) => {
-      if (this.closed) throw new InputError(CLOSED);
-      this.waiting.set(id, { resolve, reject });
-      this.worker.postMessage({ id, kind, args } as Request);
-    });
-  }
-
-  async open(model: ArrayBuffer, backend: Backend): Promise<void> {
-    const base = new URL("./", document.baseURI).href;
-    this.threads = (await this.ask("open", { model, base, backend })).threads;
-  }
-
-  close(): void {
-    this.closed = true;
-    this.worker.terminate();
-    for (const { reject } of this.waiting.values()) reject(new InputError(CLOSED));
-    this.waiting.clear();
-  }
+/** Where model files are read from. */
+export interface Files {
+  /** `InputError` where it cannot be read. */
+  read(path: string): Promise<ArrayBuffer>;
+  /** False where it is known that there is no such file. */
+  has(path: string): boolean;
 }
 
-const startWasm = (): Runner => new Runner(new Worker(new URL("./wasm.ts", import.meta.url), { type: "module" }));
-const startWebgpu = (): Runner => new Runner(new Worker(new URL("./webgpu.ts", import.meta.url), { type: "module" }));
+const startWasm = (): Worker => new Worker(new URL("./wasm.ts", import.meta.url), { type: "module" });
+const startWebgpu = (): Worker => new Worker(new URL("./webgpu.ts", import.meta.url), { type: "module" });
 
 /**
- * An open model. Points are tracked with WebAssembly: one click is a long chain of small steps, for which a GPU is
- * slower. Layers, thousands of rays at once, are rendered on WebGPU once it has shown that it agrees and is faster.
+ * An open model file, which is the one window of its clip, or a folder with `windows.json` and a file for each window;
+ * of these, few are open at a time. Points are tracked with WebAssembly: one click is a long chain of small steps, for
+ * which a GPU is slower. Layers of a clip of one window, thousands of rays at once, are rendered on WebGPU once it has
+ * shown that it agrees and is faster.
  */
 export class Model {
   /** What renders the layers. */
   backend: Backend = "wasm";
+  private renderer: Sessions;
+  private readonly models: Models;
+  private readonly returnings: Returnings;
   private closed = false;
 
   private constructor(
+    /** Of the whole clip. */
     readonly facts: ModelFacts,
-    private readonly wasm: Runner,
-    private renderer: Runner,
-  ) {}
+    readonly windows: readonly Window[],
+    private readonly wasm: Sessions,
+    private readonly load: (number: number) => Promise<ModelFile>,
+  ) {
+    this.renderer = wasm;
+    this.models = {
+      windows,
+      facts,
+      track: (number, queries, asked) => this.ask(number, queries, asked),
+      onObject: (number, queries) => this.onObject(number, queries),
+    };
+    this.returnings = new Returnings(this.models);
+  }
 
-  /** Opens the file `name`; `InputError` where it is not a model or does not run here. */
-  static async open(bytes: ArrayBuffer, name: string): Promise<Model> {
-    const facts = readFacts(new Uint8Array(bytes), name);
-    const wasm = startWasm();
+  /** Opens `path`, a model file or `windows.json`; `InputError` where it is none, lacks a file or does not run here. */
+  static async open(path: string, files: Files): Promise<Model> {
+    const layout = path.endsWith(".json") ? readWindows(new TextDecoder().decode(await files.read(path)), path) : undefined;
+    const folder = path.slice(0, path.lastIndexOf("/") + 1);
+    const paths = layout?.windows.map(({ name }) => `${folder}${name}.onnx`) ?? [path];
+    const missing = paths.filter((each) => !files.has(each));
+    if (missing.length > 0) {
+      throw new InputError(`${missing.join(", ")} is missing beside ${path}; open the whole folder, or copy it again.`);
+    }
+    const load = async (number: number): Promise<ModelFile> => {
+      const file = paths[number] ?? path;
+      const bytes = await files.read(file);
+      const facts = readFacts(new Uint8Array(bytes), file);
+      const window = layout?.windows[number];
+      if (layout && window) checkWindow(file, facts, { ...layout.facts, numFrames: window.end - window.begin }, path);
+      return { path: file, bytes, facts };
+    };
+    const wasm = new Sessions(startWasm(), "wasm", load);
     try {
-      await wasm.open(bytes, "wasm");
-      const model = new Model(facts, wasm, wasm);
-      await model.track(new Float32Array([0, facts.width / 2, facts.height / 2]));
+      const first = await wasm.facts(0);
+      const windows = layout?.windows ?? [{ name: path, begin: 0, end: first.numFrames }];
+      const model = new Model({ ...first, ...layout?.facts }, windows, wasm, load);
+      await runs(path, model.ask(0, new Float32Array([0, first.width / 2, first.height / 2]), frames(0, first.numFrames)));
       return model;
     } catch (error) {
       wasm.close();
-      const reason = error instanceof Error ? error.message : String(error);
-      throw new InputError(`${name} does not run in this browser (${reason}); try another browser, or export it again.`);
+      throw error;
     }
   }
 
@@ -93,46 +90,48 @@ export class Model {
     return this.wasm.threads;
   }
 
-  /** Follows `queries` [N, 3], rows of (t, x, y), through every frame; `onProgress` hears how many are done. */
-  async track(queries: Float32Array, onProgress?: (done: number) => void): Promise<Tracked> {
-    const { numFrames } = this.facts;
-    const count = queries.length / 3;
-    const tracks = new Float32Array(count * numFrames * 2);
-    const occlusion = new Float32Array(count * numFrames);
-    const step = Math.max(1, Math.floor(RAYS_PER_REQUEST / (1 + numFrames)));
-    for (let first = 0; first < count; first += step) {
-      const part = queries.slice(first * 3, (first + step) * 3);
-      const answer = await this.wasm.ask("track", { queries: part, numFrames });
-      tracks.set(answer.tracks, first * numFrames * 2);
-      occlusion.set(answer.occlusion, first * numFrames);
-      onProgress?.(Math.min(count, first + step));
-    }
-    return { tracks, occlusion };
+  /**
+   * Follows `queries` [N, 3], rows of (t, x, y), through every frame; `onProgress` hears what share of it is done,
+   * `onPart` what is answered so far, as `follow` says it.
+   */
+  async track(queries: Float32Array, onProgress?: (share: number) => void, onPart?: (part: Tracked) => void): Promise<Tracked> {
+    let done = 0;
+    const onRays = (rays: number): void => {
+      done += rays; // some frames are asked for twice, since windows share them
+      onProgress?.(Math.min(1, done / ((queries.length / 3) * this.facts.numFrames)));
+    };
+    const models = { ...this.models, track: (number: number, part: Float32Array, asked: readonly number[]) => this.ask(number, part, asked, onRays) };
+    return follow(models, this.returnings, queries, onPart);
   }
 
-  /** What the model sees along the rays of `queries` [N, 3]; by WebAssembly again once WebGPU fails, as after a sleep. */
+  /**
+   * What the model sees along the rays of `queries` [N, 3], all of one frame; by WebAssembly again once WebGPU fails, as
+   * after a sleep.
+   */
   async render(queries: Float32Array): Promise<Appearance> {
     const renderer = this.renderer;
+    const number = home(this.windows, queries[0] ?? 0);
+    const begin = this.windows[number]?.begin ?? 0;
+    const args = { queries: queries.map((value, index) => (index % 3 === 0 ? value - begin : value)) };
     try {
-      return await renderer.ask("render", { queries });
+      return await renderer.ask("render", number, args);
     } catch (error) {
       if (renderer === this.wasm || this.closed) throw error;
       renderer.close();
       this.renderer = this.wasm;
       this.backend = "wasm";
-      return this.wasm.ask("render", { queries });
+      return this.wasm.ask("render", number, args);
     }
   }
 
   /** Moves the rendering of layers to WebGPU where there is one that agrees with WebAssembly and is faster. */
-  async tryWebgpu(bytes: ArrayBuffer): Promise<void> {
-    if (!(await hasHardwareWebgpu())) return;
-    const gpu = startWebgpu();
+  async tryWebgpu(): Promise<void> {
+    if (this.windows.length > 1 || !(await hasHardwareWebgpu())) return;
+    const gpu = new Sessions(startWebgpu(), "webgpu", this.load);
     try {
-      await gpu.open(bytes, "webgpu");
       const probe = probeRays(this.facts);
-      await gpu.ask("render", { queries: probe }); // the first run compiles the shaders
-      const [fast, slow] = [await timed(() => gpu.ask("render", { queries: probe })), await timed(() => this.render(probe))];
+      await gpu.ask("render", 0, { queries: probe }); // the first run compiles the shaders
+      const [fast, slow] = [await timed(() => gpu.ask("render", 0, { queries: probe })), await timed(() => this.render(probe))];
       if (fast.seconds > MIN_GAIN * slow.seconds || !agree(fast.value, slow.value)) throw new Error("no gain");
       if (this.closed) throw new Error("closed meanwhile");
       this.renderer = gpu;
@@ -146,6 +145,45 @@ export class Model {
     this.closed = true;
     this.renderer.close();
     this.wasm.close();
+  }
+
+  /** Asks the model of window `number`, in requests that are short; `onRays` hears of each answer how many rays it is of. */
+  private async ask(
+    number: number,
+    queries: Float32Array,
+    asked: readonly number[],
+    onRays?: (rays: number) => void,
+  ): Promise<Tracked> {
+    const count = queries.length / 3;
+    const tracks = new Float32Array(count * asked.length * 2);
+    const occlusion = new Float32Array(count * asked.length);
+    const step = Math.max(1, Math.floor(RAYS_PER_REQUEST / (1 + asked.length)));
+    for (let first = 0; first < count; first += step) {
+      const part = queries.slice(first * 3, (first + step) * 3);
+      const answer = await this.wasm.ask("track", number, { queries: part, frames: asked });
+      tracks.set(answer.tracks, first * asked.length * 2);
+      occlusion.set(answer.occlusion, first * asked.length);
+      onRays?.(answer.occlusion.length);
+    }
+    return { tracks, occlusion };
+  }
+
+  private async onObject(number: number, queries: Float32Array): Promise<boolean[]> {
+    const owned: boolean[] = [];
+    for (let first = 0; first < queries.length; first += 3 * RAYS_PER_REQUEST) {
+      const part = queries.slice(first, first + 3 * RAYS_PER_REQUEST);
+      const { static_confidence } = await this.wasm.ask("render", number, { queries: part });
+      for (const confidence of static_confidence) owned.push(confidence < 1 - this.facts.objectShare);
+    }
+    return owned;
+  }
+}
+
+/** `InputError` where the model `file` has not the length and size that `path` says. */
+function checkWindow(file: string, facts: ModelFacts, said: Pick<ModelFacts, "numFrames" | "height" | "width">, path: string): void {
+  const { numFrames, height, width } = facts;
+  if (numFrames !== said.numFrames || height !== said.height || width !== said.width) {
+    throw new InputError(`${file} is of ${numFrames} frames of ${width}x${height}, and ${path} says otherwise; export the run again.`);
   }
 }
 

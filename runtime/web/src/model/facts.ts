@@ -1,8 +1,12 @@
 /** What an exported .onnx file says about itself, read from its bytes without onnxruntime. */
 
 import { FORMAT_VERSION, INPUTS, REQUIRED_OUTPUTS } from "./contract";
+import { type Quality, readQuality } from "./quality";
 
 const WRITE_ONE = "write one with 'decomo-export'";
+
+/** Of older files, which do not say. */
+const OBJECT_SHARE = 0.5;
 
 export interface ModelFacts {
   readonly clipName: string;
@@ -16,6 +20,10 @@ export interface ModelFacts {
   readonly preset: string;
   /** A point is occluded where its occlusion score is above this. */
   readonly occlusionThreshold: number;
+  /** A point is one of an object where 1 - its static confidence is above this. */
+  readonly objectShare: number;
+  /** How good the fit is; absent of files that do not say. */
+  readonly quality?: Quality | undefined;
 }
 
 /** Bad input: the text is one sentence that says what is wrong and what to do. */
@@ -46,7 +54,8 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     }
     return value;
   };
-  const number = (key: string, valid: (value: number) => boolean): number => {
+  const number = (key: string, valid: (value: number) => boolean, otherwise?: number): number => {
+    if (otherwise !== undefined && !file.metadata.has(`decomotion.${key}`)) return otherwise;
     const value = text(key).trim() === "" ? Number.NaN : Number(text(key));
     if (!valid(value)) {
       throw new InputError(
@@ -64,6 +73,16 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     }
     return times as number[];
   };
+  const quality = (): Quality | undefined => {
+    const said = file.metadata.get("decomotion.quality");
+    if (said === undefined) return undefined;
+    try {
+      return readQuality(parsed(said));
+    } catch (error) {
+      if (!(error instanceof RangeError)) throw error;
+      throw new InputError(`${name} has the impossible metadata decomotion.quality (${error.message}); export the model again.`);
+    }
+  };
   const count = (value: number): boolean => Number.isInteger(value) && value >= 1;
   const numFrames = number("num_frames", count);
   const fps = number("fps", (value) => value > 0 && Number.isFinite(value));
@@ -76,6 +95,8 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     times: seconds(numFrames, fps),
     preset: text("preset"),
     occlusionThreshold: number("occlusion_threshold", (value) => value >= 0 && value <= 1),
+    objectShare: number("object_share", (value) => value >= 0 && value < 1, OBJECT_SHARE),
+    quality: quality(),
   };
 }
 

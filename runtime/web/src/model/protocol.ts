@@ -1,4 +1,4 @@
-/** What the page and the worker that runs the model say to each other. */
+/** What the page and a worker that runs models say to each other. */
 
 import type { APPEARANCE } from "./contract";
 
@@ -19,11 +19,12 @@ export interface Opened {
   readonly threads: number;
 }
 
-/** `base`: where the page lies, so that the worker finds `runtime/`. */
+/** `session`: a model that is open, by a number of the page's choice; `base`: where the page lies, with `runtime/`. */
 export interface Requests {
-  open: { args: { model: ArrayBuffer; base: string; backend: Backend }; answer: Opened };
-  track: { args: { queries: Float32Array; numFrames: number }; answer: Tracked };
-  render: { args: { queries: Float32Array }; answer: Appearance };
+  open: { args: { session: number; model: ArrayBuffer; base: string; backend: Backend }; answer: Opened };
+  close: { args: { session: number }; answer: null };
+  track: { args: { session: number; queries: Float32Array; frames: readonly number[] }; answer: Tracked };
+  render: { args: { session: number; queries: Float32Array }; answer: Appearance };
 }
 
 export type Kind = keyof Requests;

@@ -1,8 +1,8 @@
-/** Runs the model in a worker, one request after the other, so that the page never waits. */
+/** Runs models in a worker, one request after the other, so that the page never waits. */
 
 import type * as Ort from "onnxruntime-web";
 import { APPEARANCE, TRACKING } from "./contract";
-import type { Answer, Appearance, Backend, Opened, Request, Tracked } from "./protocol";
+import type { Answer, Backend, Kind, Request, Requests } from "./protocol";
 
 type Runtime = typeof Ort;
 
@@ -10,20 +10,25 @@ const ERRORS_ONLY = "error";
 
 /** Answers the page's requests with `ort`, whose binary is `runtime/<backend>.wasm.gz`. */
 export function serve(ort: Runtime): void {
-  let session: Ort.InferenceSession | undefined;
+  const sessions = new Map<number, Ort.InferenceSession>();
   let queue: Promise<void> = Promise.resolve();
 
-  async function answer(request: Request): Promise<Opened | Tracked | Appearance> {
+  async function answer(request: Request): Promise<Requests[Kind]["answer"]> {
     if (request.kind === "open") {
-      const { model, base, backend } = request.args;
-      await session?.release();
-      session = await open(ort, model, base, backend);
+      const { session, model, base, backend } = request.args;
+      sessions.set(session, await open(ort, model, base, backend));
       return { threads: ort.env.wasm.numThreads ?? 1 };
     }
-    if (session === undefined) throw new Error("no model is open");
+    const session = sessions.get(request.args.session);
+    if (session === undefined) throw new Error("that model is not open");
+    if (request.kind === "close") {
+      sessions.delete(request.args.session);
+      await session.release();
+      return null;
+    }
     return request.kind === "track"
-      ? ask(ort, session, TRACKING, request.args.queries, request.args.numFrames)
-      : ask(ort, session, APPEARANCE, request.args.queries, 0);
+      ? ask(ort, session, TRACKING, request.args.queries, request.args.frames)
+      : ask(ort, session, APPEARANCE, request.args.queries, []);
   }
 
   self.onmessage = ({ data: request }: MessageEvent<Request>) => {
@@ -66,12 +71,11 @@ async function ask<Name extends string>(
   session: Ort.InferenceSession,
   outputs: readonly Name[],
   queries: Float32Array,
-  numFrames: number,
+  frames: readonly number[],
 ): Promise<Record<Name, Float32Array>> {
-  const frames = BigInt64Array.from({ length: numFrames }, (_, frame) => BigInt(frame));
   const inputs = {
     queries: new ort.Tensor("float32", queries, [queries.length / 3, 3]),
-    frames: new ort.Tensor("int64", frames, [numFrames]),
+    frames: new ort.Tensor("int64", BigInt64Array.from(frames, BigInt), [frames.length]),
   };
   const answers = await session.run(inputs, outputs.filter((name) => session.outputNames.includes(name)));
   const opaque = new Float32Array(queries.length / 3).fill(1);

@@ -3,12 +3,15 @@
 import type { App } from "../app";
 import { readPoints } from "../files/read";
 import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../files/write";
+import type { Files } from "../model/client";
 import { InputError } from "../model/facts";
+import { WINDOWS_FILE } from "../model/windows";
 import { download, element } from "./dom";
 import type { View } from "./view";
 
 /** Frames, as `decomo-train` takes them of a folder: macOS adds ._name.jpg to copies. */
 const FRAME = /^[^.].*\.(jpe?g|png)$/is;
+const MODEL = /\.onnx$/i;
 const VIDEOS = /\.(mp4|mov|mkv|webm|avi|m4v)$/i;
 
 export function listenToFiles(app: App, view: View): void {
@@ -33,14 +36,18 @@ export function listenToFiles(app: App, view: View): void {
   }
 }
 
-/** The files among what was dropped, and the images in its folders. */
+/** The files among what was dropped, and of its folders the models with their `windows.json`, or else the images. */
 async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<File[]> {
   const files = entries.map(async (entry) => {
     if (entry === null) return [];
     if (!entry.isDirectory) return [await fileOf(entry)];
-    const images = (await entriesIn(entry)).filter(({ isFile, name }) => isFile && FRAME.test(name));
-    if (images.length === 0) throw new InputError(`${entry.name} holds no images; drop the folder with the frames of the clip.`);
-    return Promise.all(images.map(fileOf));
+    const inside = (await entriesIn(entry)).filter(({ isFile }) => isFile);
+    const ofModel = inside.some(({ name }) => name === WINDOWS_FILE);
+    const wanted = inside.filter(({ name }) => (ofModel ? name === WINDOWS_FILE || MODEL.test(name) : FRAME.test(name)));
+    if (wanted.length === 0) {
+      throw new InputError(`${entry.name} holds no images and no ${WINDOWS_FILE}; drop the folder with the frames of the clip, or that of its model.`);
+    }
+    return Promise.all(wanted.map(fileOf));
   });
   return (await Promise.all(files)).flat();
 }
@@ -62,9 +69,14 @@ async function entriesIn(folder: FileSystemEntry): Promise<FileSystemEntry[]> {
 async function openFiles(files: readonly File[], app: App, view: View): Promise<void> {
   view.dismiss();
   const images = files.filter(({ name }) => FRAME.test(name));
-  const model = files.find(({ name }) => /\.onnx$/i.test(name));
-  const others = files.filter((file) => file !== model && !images.includes(file));
-  if (model) await app.openModel(await model.arrayBuffer(), model.name);
+  const models = files.filter(({ name }) => MODEL.test(name));
+  const windows = files.find(({ name }) => name === WINDOWS_FILE);
+  const others = files.filter((file) => file !== windows && !models.includes(file) && !images.includes(file));
+  if (windows === undefined && models.length > 1) {
+    throw new InputError(`These are ${models.length} models without their ${WINDOWS_FILE}; give one, or a whole model folder.`);
+  }
+  const model = windows ?? models[0];
+  if (model) await app.openModel(model.name, named([model, ...models]));
   if (images.length > 0) await app.openFrames(images);
   for (const file of others) {
     if (VIDEOS.test(file.name)) {
@@ -74,6 +86,19 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     if (facts === undefined) throw new InputError(`Open a model before ${file.name}.`);
     await app.addPoints(readPoints(file.name, new Uint8Array(await file.arrayBuffer()), facts));
   }
+}
+
+/** Files by their names. */
+function named(files: readonly File[]): Files {
+  const byName = new Map(files.map((file) => [file.name, file]));
+  return {
+    has: (path) => byName.has(path),
+    read: async (path) => {
+      const content = await byName.get(path)?.arrayBuffer().catch(() => undefined);
+      if (content === undefined) throw new InputError(`${path} cannot be read, or has changed; open it again.`);
+      return content;
+    },
+  };
 }
 
 async function save(button: HTMLButtonElement, app: App, view: View): Promise<void> {

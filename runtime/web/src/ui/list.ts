@@ -11,7 +11,7 @@ export interface ListEvents {
 interface Row {
   readonly item: HTMLLIElement;
   readonly needle: HTMLElement;
-  /** Shows the point's name and colour. */
+  /** Shows the point's name, colour and track. */
   readonly refresh: (point: Point) => void;
 }
 
@@ -55,15 +55,14 @@ export class PointRows {
   }
 
   private build(point: Point): Row {
-    const { id, track } = point;
-    const numFrames = track.occluded.length;
-    const seen = track.occluded.filter((hidden) => !hidden).length;
+    const { id } = point;
+    const numFrames = point.track.occluded.length;
     const swatch = make("input", { type: "color" });
     swatch.addEventListener("change", () => this.points.change(id, { colour: swatch.value }));
     const label = make("input", { type: "text", ariaLabel: "Name", spellcheck: false, maxLength: 80 });
     label.addEventListener("change", () => this.points.change(id, { name: label.value.trim() || `Point ${id}` }));
     label.addEventListener("focus", () => this.events.onSelect(id));
-    const share = make("small", { title: `in sight in ${seen} of ${numFrames} frames` }, `${seen}/${numFrames}`);
+    const share = make("small");
     const remove = make("button", { type: "button", title: "Delete" }, "×");
     remove.addEventListener("click", () => {
       const neighbour = item.nextElementSibling ?? item.previousElementSibling;
@@ -71,7 +70,7 @@ export class PointRows {
       neighbour?.querySelector("button")?.focus();
     });
     const needle = make("i");
-    const strip = make("div", { className: "strip", role: "img", ariaLabel: describe(point) }, needle);
+    const strip = make("div", { className: "strip", role: "img" }, needle);
     strip.addEventListener("pointerdown", (event) => {
       const area = strip.getBoundingClientRect();
       this.events.onSelect(id);
@@ -81,12 +80,16 @@ export class PointRows {
     let shown: Point | undefined;
     const refresh = (now: Point): void => {
       if (now === shown) return; // what is being typed stays
+      const { name, colour, track } = now;
+      if (name !== shown?.name) label.value = name;
       shown = now;
-      const { name, colour } = now;
-      label.value = name;
+      const seen = track.occluded.filter((hidden) => !hidden).length;
+      share.title = `in sight in ${seen} of ${numFrames} frames`;
+      share.textContent = `${seen}/${numFrames}`;
       swatch.value = colour;
       swatch.ariaLabel = `Colour of ${name}`;
       remove.ariaLabel = `Delete ${name}`;
+      strip.ariaLabel = describe(track);
       strip.style.backgroundImage = stripes(track, colour);
     };
     return { item, needle, refresh };
@@ -102,7 +105,7 @@ function stripes(track: Track, colour: string): string {
   return `linear-gradient(to right, ${stops.join(", ")})`;
 }
 
-function describe({ track }: Point): string {
+function describe(track: Track): string {
   const hidden = spans(track.occluded).filter(({ occluded }) => occluded);
   if (hidden.length === 0) return "in sight in every frame";
   return `hidden in frames ${hidden.map(({ begin, end }) => (end - begin === 1 ? begin : `${begin} to ${end - 1}`)).join(", ")}`;

@@ -5,6 +5,7 @@ import type { Layer } from "../layers";
 import { LAYERS } from "../layers";
 import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
+import { summary, warning } from "../model/quality";
 import type { PointList } from "../points";
 import { element, make } from "./dom";
 import { Stage } from "./stage";
@@ -73,12 +74,21 @@ export class View {
 
   /** Says what is open, and how it runs. */
   facts(model: Model, hasClip: boolean): void {
-    const { clipName, numFrames, width, height, preset } = model.facts;
+    const { clipName, numFrames, width, height, preset, quality } = model.facts;
+    const count = model.windows.length;
+    const windows = count > 1 ? ` in ${count} windows` : "";
     const threads = `${model.threads} thread${model.threads === 1 ? "" : "s"}`;
     const layers = model.backend === "webgpu" ? ", layers on WebGPU" : "";
     element("facts", HTMLParagraphElement).textContent =
-      `${clipName} · ${numFrames} frames of ${width}×${height} · preset ${preset} · WebAssembly, ${threads}${layers}` +
+      `${clipName} · ${numFrames} frames of ${width}×${height}${windows} · preset ${preset} · WebAssembly, ${threads}${layers}` +
       (hasClip ? "" : " · without its clip");
+    const said = quality && warning(quality);
+    const paragraph = element("quality", HTMLParagraphElement);
+    paragraph.hidden = quality === undefined;
+    paragraph.replaceChildren(
+      quality ? asSentence((count > 1 ? "in the worst window, " : "") + summary(quality)) : "",
+      ...(said === undefined ? [] : [" ", make("strong", {}, asSentence(`${said}; fit for longer with decomo-train --resume`))]),
+    );
     document.title = `${clipName} · DecoMotion`;
   }
 
@@ -117,14 +127,15 @@ export class View {
     play.ariaLabel = playing ? "Pause" : "Play";
   }
 
-  points(points: PointList): void {
+  /** `unfinished`: some are still being followed, and none can be saved. */
+  points(points: PointList, unfinished = false): void {
     const count = points.all.length;
     element("count", HTMLSpanElement).textContent = String(count);
     element("no-points", HTMLParagraphElement).hidden = count > 0;
     element("undo", HTMLButtonElement).disabled = !points.canUndo;
     element("redo", HTMLButtonElement).disabled = !points.canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
-    element("save", HTMLFieldSetElement).disabled = count === 0;
+    element("save", HTMLFieldSetElement).disabled = count === 0 || unfinished;
   }
 
   loading(text: string | undefined): void {
@@ -167,3 +178,5 @@ export class View {
     element("trail-length", HTMLOutputElement).value = trail === 0 ? "none" : `${trail} frame${trail === 1 ? "" : "s"}`;
   }
 }
+
+const asSentence = (text: string): string => `${text[0]?.toUpperCase()}${text.slice(1)}.`;
