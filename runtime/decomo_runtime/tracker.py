@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from decomo_runtime.model_file import Providers, open_session, read_facts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
 from decomotion.times import steady_times
+
+if TYPE_CHECKING:
+    from decomo_runtime.refinement import AnyFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +162,16 @@ class Tracker:
             queries = (whole[rows] for rows in parts)
         for part in queries:
             yield self.track(part, frames, max_memory=max_memory)
+
+    def refine(self, tracks: Tracks, frames: AnyFrames) -> Tracks:
+        """`tracks` of this model at the precision of the clip's own `frames`, RGB uint8 [T, H, W, 3], the whole clip.
+
+        Each answer in sight is registered on the pixels (`refinement.py`) and replaced where that is plainly better:
+        `Tracks.refined` says where. Raises `RefinementError` where frames or tracks are not of this model's clip.
+        """
+        from decomo_runtime.refinement import refine
+
+        return refine(self, tracks, frames)
 
     def dense(self, frame: int, *, to: int, max_memory: int | None = None) -> Dense:
         """Where each pixel of `frame` is in frame `to`, and whether it is hidden there."""

@@ -1,0 +1,117 @@
+"""Long procedural clips of any length and frame size, with exact truth, drawn frame by frame: none is held.
+
+The scene, its motion and its camera are those of `decomo-sample` (`eval/decomo_eval/sample`), of which one act is as
+long as there the whole clip: the camera travels on, at an act's pace; objects go to and fro in the view, and so does
+all else that moves. Beyond its edges, two views apart, the ground is mirrored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_eval.sample.motion import Motion, Swing, Undulation
+from decomo_eval.sample.render import photograph, render_frame, render_layers
+from decomo_eval.sample.scene import BACKGROUND, Body, Layer, Scene, draw_scene
+from decomo_eval.sample.truth import follow_points
+from decomo_runtime.pictures import write_video
+
+FPS = 24.0
+ACT = 100
+"""Frames."""
+PROBED = 240
+"""Width of the maps of layers from which points are chosen."""
+BAND = 64
+"""Rows that are drawn at a time."""
+
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """A procedural clip; width is even and no less than height, which is even too."""
+
+    num_frames: int
+    width: int
+    height: int
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """Of the clip, and of its file."""
+        return f"scenery{self.seed}-{self.width}x{self.height}x{self.num_frames}"
+
+    def frames(self) -> Iterator[Image]:
+        """The frames [H, W, 3], RGB, in order."""
+        noise = np.random.default_rng((self.seed, self.num_frames))
+        phase, top = noise.random(), self._top
+        for time in self._times:
+            bands = [range(row, min(row + BAND, top + self.height)) for row in range(top, top + self.height, BAND)]
+            frame = np.concatenate([render_frame(self._scene, time, self.width, rows) for rows in bands])
+            yield photograph(frame, time, phase, noise)
+
+    def write(self, folder: Path) -> Path:
+        """The clip as H.264, written where it is not there yet."""
+        path = folder / f"{self.name}.mp4"
+        if not path.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            write_video(path, self.frames(), FPS)
+        return path
+
+    def truth(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Tracks [N, T, 2] in pixels of points on ground and objects, and whether they are occluded [N, T]."""
+        maps = np.stack([render_layers(self._scene, time, PROBED) for time in self._times])
+        lines = (np.arange(PROBED) + 0.5) * self.width / PROBED
+        maps[:, (lines < self._top) | (lines > self._top + self.height)] = -1  # not in the view
+        true = follow_points(self._scene, self._times, maps, np.random.default_rng((self.seed, PROBED)))
+        xy = true.points * self.width - 0.5 - (0, self._top)
+        outside = (xy[..., 1] < -0.5) | (xy[..., 1] >= self.height - 0.5)
+        return xy, true.occluded | outside
+
+    @property
+    def _times(self) -> npt.NDArray[np.float64]:
+        return np.linspace(0, 1, self.num_frames)
+
+    @property
+    def _top(self) -> int:
+        """The view is the middle of a square: its first row there."""
+        return (self.width - self.height) // 2
+
+    @cached_property
+    def _scene(self) -> Scene:
+        scene = draw_scene(np.random.default_rng(self.seed), self.width)
+        acts, slant = self.num_frames / ACT, self.height / self.width
+        return Scene(tuple(_longer(layer, index, acts, slant) for index, layer in enumerate(scene.layers)))
+
+
+def _longer(layer: Layer, index: int, acts: float, slant: float) -> Layer:
+    """A layer that moves through so many acts; an object stays about the view, `slant` times as high as wide."""
+    motion = layer.body.motion
+    swinging = {name: _to_and_fro(value, acts) for name, value in vars(motion).items() if isinstance(value, Swing)}
+    waving = {
+        name: replace(value, amplitude=_to_and_fro(value.amplitude, acts), phase=_to_and_fro(value.phase, acts))
+        for name, value in vars(motion).items()
+        if isinstance(value, Undulation)
+    }
+    if index == BACKGROUND:
+        swinging |= {name: _onward(getattr(motion, name), acts) for name in ("x", "y")}
+    else:
+        y = swinging["y"]
+        swinging["y"] = replace(y, mean=0.5 + slant * (y.mean - 0.5), amplitude=slant * y.amplitude)
+    return Layer(Body(Motion(**swinging, **waving), layer.body.outline), layer.texture)
+
+
+def _onward(swing: Swing, acts: float) -> Swing:
+    """Goes as far in each act as it did in one, from where it was at the beginning."""
+    slope = swing.slope * acts
+    return Swing(swing.mean - (swing.slope - slope) / 2, slope, swing.amplitude, swing.cycles * acts, swing.phase)
+
+
+def _to_and_fro(swing: Swing, acts: float) -> Swing:
+    """Goes back and forth over what it went one way in one act."""
+    return Swing(swing.mean, 0.0, swing.amplitude + swing.slope / 2, (swing.cycles or 0.5) * acts, swing.phase)

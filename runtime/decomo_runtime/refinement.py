@@ -1,0 +1,213 @@
+"""Tracks at the clip's own precision: each answer in sight is registered on the pixels of the clip.
+
+A model is fitted to flow on at most 640 pixels, and knows a point of a large frame to several pixels. Here the patch
+around the point, as the query's frame shows it, is sought in every frame around the model's answer, warped by the
+model's own Jacobian (`registration.py`). Where it is not found, what the nearest frame showed in which it was found is
+sought instead; the deviations then add up, so that drift stays within what one match may deviate.
+
+A match counts only where it is plain that it is better than the model's answer: patch and frame are alike, noise
+cannot have moved it far, and it leaves a fraction of the difference that the model's answer leaves. Everything else
+stays as the model has it: what is occluded, smooth places, surfaces that change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.errors import RefinementError
+from decomo_runtime.queries import check_frames, check_queries
+from decomo_runtime.registration import RADIUS, Match, Patches, Pyramid, cut, empty_patches, judge, pyramid, register
+from decomo_runtime.tracks import Tracks
+from decomotion.units import unit
+
+if TYPE_CHECKING:
+    from decomo_runtime.tracker import Tracker
+
+Floats = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+Rows = npt.NDArray[np.intp]
+
+FARTHEST = 2.0
+"""Units by which a model's answer may err; what is found farther away is something else."""
+LEAST_LIKENESS = 0.9
+"""Correlation of a patch with what it is found in."""
+LARGEST_DEVIATION = 0.25
+"""Pixels by which noise may have moved a place."""
+BETTER = 3.0
+"""Of the variance in a frame a match leaves at most this part of what the model's answer leaves unexplained. Fur, water
+and moving light leave much at any place: there, a little less is no sign of a better one.
+"""
+MOST_STRETCHED = 2.5
+"""A surface that is seen so many times larger or smaller than in the query's frame is not sought."""
+CHUNK = 4096
+"""Points at once; the clip is read once for each chunk, and once more for frames before a query's."""
+BLOCK = 8
+"""Frames that are read in their order to be used in the opposite one."""
+
+
+class AnyFrames(Protocol):
+    """Frames of a whole clip, an array or read when asked for."""
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """T, H, W, 3"""
+        ...
+
+    def __getitem__(self, index: int, /) -> npt.NDArray[np.uint8]: ...
+
+
+def refine(tracker: Tracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
+    """`tracks` with what is found of them in `frames` (RGB, uint8 [T, H, W, 3], of the whole clip), and `refined` set.
+
+    Occlusion stays as it is. One point's answer does not depend on the others; frames that are not asked for are not
+    read, except those of the queries. Raises `RefinementError` where frames or tracks are not of the tracker's clip.
+    """
+    model = tracker.facts
+    if tuple(frames.shape) != (model.num_frames, model.height, model.width, 3):
+        raise RefinementError(
+            f"tracks are refined on the {model.num_frames} frames of {model.width}x{model.height} of "
+            f"{model.clip_name}, but the frames given have the shape {list(frames.shape)}; give that clip's"
+        )
+    if tracks.size not in (None, (model.height, model.width)):
+        raise RefinementError(
+            f"the tracks are of frames of {tracks.size[1]}x{tracks.size[0]} but {model.clip_name} has frames of "
+            f"{model.width}x{model.height}; give tracks of this model"
+        )
+    check_queries(tracks.queries, model)
+    check_frames(tracks.frames, model.num_frames)
+    xy, refined = tracks.xy.copy(), np.zeros_like(tracks.occluded)
+    for begin in range(0, len(xy), CHUNK):
+        rows = slice(begin, begin + CHUNK)
+        search = _Search(tracker, tracks.queries[rows], tracks.frames, tracks.xy[rows], ~tracks.occluded[rows], frames)
+        xy[rows], refined[rows] = search.run()
+    return replace(tracks, xy=xy, refined=refined)
+
+
+class _Search:
+    """The search for N points in M frames.
+
+    Args:
+        tracker: the model.
+        queries: [N, 3], (t, x, y).
+        numbers: [M], of the frames.
+        answers: [N, M, 2], the model's.
+        seen: [N, M], where it says that the points are in sight.
+        frames: of the whole clip.
+    """
+
+    def __init__(
+        self,
+        tracker: Tracker,
+        queries: Floats,
+        numbers: npt.NDArray[np.int64],
+        answers: Floats,
+        seen: Mask,
+        frames: AnyFrames,
+    ) -> None:
+        size = np.array([tracker.width, tracker.height], np.float32)
+        scale = unit(*size)
+        self._frames, self._numbers, self._answers = frames, numbers, answers
+        self._asked_in, self._places = queries[:, 0].astype(np.int64), queries[:, 1:]
+        self._farthest = FARTHEST * scale
+        self._levels = 1 + max(0, round(math.log2(scale / 2)))  # an error of two units is four pixels of the coarsest
+        self._matrix = _jacobian(tracker, queries, numbers, answers, max(scale, RADIUS), size)
+        inside = ((answers > -0.5) & (answers < size - 0.5)).all(-1)
+        self._sought = seen & inside & _is_alike(self._matrix)
+        self._xy, self._found = answers.copy(), np.zeros_like(seen)
+
+    def run(self) -> tuple[Floats, Mask]:
+        """Places [N, M, 2], and where [N, M] they were found: the others are the model's answers."""
+        at_query = self._asked_in[:, None] == self._numbers
+        here = np.nonzero(at_query & self._sought)
+        self._xy[here], self._found[here] = self._places[here[0]], True
+        asked = self._ask()
+        order = np.argsort(self._numbers, kind="stable")
+        later = self._asked_in[:, None] < self._numbers
+        self._follow(asked, order, self._sought & later)
+        self._follow(asked, order[::-1], self._sought & ~later & ~at_query)
+        return self._xy, self._found
+
+    def _ask(self) -> Patches:
+        """The patches of the queries."""
+        patches = empty_patches(len(self._places), self._levels)
+        for frame in np.unique(self._asked_in[self._sought.any(1)]):
+            rows = np.flatnonzero(self._asked_in == frame)
+            upright = np.broadcast_to(np.eye(2, dtype=np.float32), (len(rows), 2, 2))
+            patches[rows] = cut(self._pyramid(self._frames[int(frame)]), self._places[rows], upright)
+        return patches
+
+    def _follow(self, asked: Patches, order: Rows, sought: Mask) -> None:
+        """Seeks points where `sought` [N, M], in frames by `order`, which leads away from the queries' frames."""
+        last = empty_patches(*asked.weights.shape[:2])
+        drift = np.full(len(self._places), np.inf, np.float32)  # of `last`, pixels
+        for column, images in self._pictures(order[sought[:, order].any(0)]):
+            rows = np.flatnonzero(sought[:, column])
+            found = self._seek(rows, column, images, asked[rows], drift, np.zeros(len(rows), np.float32))
+            again = np.setdiff1d(rows[np.isfinite(drift[rows])], found)
+            if len(again):
+                found = np.union1d(found, self._seek(again, column, images, last[again], drift, drift[again]))
+            if len(found):
+                last[found] = cut(images, self._xy[found, column], self._matrix[found, column], asked.weights[found])
+
+    def _seek(self, rows: Rows, column: int, images: Pyramid, patches: Patches, drift: Floats, before: Floats) -> Rows:
+        """Seeks the `patches` of `rows`, that have drifted so far `before`; those that are found."""
+        start, matrix = self._answers[rows, column], self._matrix[rows, column]
+        match = register(patches, images, start, matrix)
+        match = replace(match, deviation=match.deviation + before)
+        good = self._is_plain(match, judge(patches, images, start, matrix))
+        found = rows[good]
+        self._xy[found, column], self._found[found, column] = match.xy[good], True
+        drift[found] = match.deviation[good]
+        return found
+
+    def _is_plain(self, match: Match, answer: Match) -> Mask:
+        """Whether the match is plainly better than the model's answer."""
+        unexplained, unexplained_before = 1 - match.likeness**2, 1 - answer.likeness**2
+        return (
+            (match.likeness > LEAST_LIKENESS)
+            & (match.deviation < LARGEST_DEVIATION)
+            & (np.hypot(*(match.xy - answer.xy).T) < self._farthest)
+            & (BETTER * unexplained < unexplained_before)
+        )
+
+    def _pictures(self, columns: Rows) -> Iterator[tuple[int, Pyramid]]:
+        """The frames of `columns` in that order; where they run backwards, they are read forwards in blocks."""
+        backwards = len(columns) > 1 and self._numbers[columns[0]] > self._numbers[columns[-1]]
+        size = BLOCK if backwards else 1
+        for begin in range(0, len(columns), size):
+            block = columns[begin : begin + size]
+            read = [self._frames[int(self._numbers[column])] for column in block[::-1]]
+            for column in block:
+                yield int(column), self._pyramid(read.pop())
+
+    def _pyramid(self, frame: npt.NDArray[np.uint8]) -> Pyramid:
+        return pyramid(np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8), self._levels)
+
+
+def _jacobian(
+    tracker: Tracker, queries: Floats, numbers: npt.NDArray[np.int64], answers: Floats, apart: float, size: Floats
+) -> Floats:
+    """[N, M, 2, 2]: how the model moves what lies around each query, from its answers to points `apart` from it."""
+    apart = min(apart, float(size.min()) / 2)
+    matrix = np.empty((*answers.shape, 2), np.float32)
+    for axis in range(2):
+        side = np.where(queries[:, 1 + axis] + apart > size[axis] - 0.5, -apart, apart).astype(np.float32)
+        beside = queries.copy()
+        beside[:, 1 + axis] += side
+        matrix[..., axis] = (tracker.track(beside, numbers).xy - answers) / side[:, None, None]
+    return matrix
+
+
+def _is_alike(matrix: Floats) -> Mask:
+    """Whether matrices [..., 2, 2] neither mirror, nor stretch or shrink by more than `MOST_STRETCHED`."""
+    areas = np.linalg.det(matrix)
+    squares = (matrix**2).sum((-1, -2)) / 2
+    most = np.sqrt(squares + np.sqrt(np.maximum(squares**2 - areas**2, 0)))  # the larger singular value
+    return (most < MOST_STRETCHED) & (areas > most / MOST_STRETCHED)
