@@ -36,13 +36,14 @@ Rows = npt.NDArray[np.intp]
 
 FARTHEST = 2.0
 """Units by which a model's answer may err; what is found farther away is something else."""
-LEAST_LIKENESS = 0.9
-"""Correlation of a patch with what it is found in."""
+MOST_UNEXPLAINED = 0.2
+"""Share of the variance in a frame that a patch, with a gain and a bias, leaves where it is found."""
 LARGEST_DEVIATION = 0.25
 """Pixels by which noise may have moved a place."""
-BETTER = 3.0
-"""Of the variance in a frame a match leaves at most this part of what the model's answer leaves unexplained. Fur, water
-and moving light leave much at any place: there, a little less is no sign of a better one.
+BETTER = 4.0
+"""A match leaves so many times less than the model's answer. Fur, water and moving light leave much at any place: there
+a little less is no sign of a better one. Around the point itself a match must not leave more: of two surfaces in a
+patch it could be the other that was found.
 """
 MOST_STRETCHED = 2.5
 """A surface that is seen so many times larger or smaller than in the query's frame is not sought."""
@@ -169,12 +170,12 @@ class _Search:
 
     def _is_plain(self, match: Match, answer: Match) -> Mask:
         """Whether the match is plainly better than the model's answer."""
-        unexplained, unexplained_before = 1 - match.likeness**2, 1 - answer.likeness**2
         return (
-            (match.likeness > LEAST_LIKENESS)
+            (match.unexplained < MOST_UNEXPLAINED)
             & (match.deviation < LARGEST_DEVIATION)
             & (np.hypot(*(match.xy - answer.xy).T) < self._farthest)
-            & (BETTER * unexplained < unexplained_before)
+            & (BETTER * match.unexplained < answer.unexplained)
+            & (match.unexplained_core < answer.unexplained_core)
         )
 
     def _pictures(self, columns: Rows) -> Iterator[tuple[int, Pyramid]]:

@@ -45,6 +45,10 @@ OFFSETS = np.stack(np.meshgrid(_LINE, _LINE), axis=-1).reshape(-1, 2)
 """[p, 2]"""
 WINDOW = np.exp(-(OFFSETS**2).sum(1) / (2 * (0.6 * RADIUS) ** 2)).astype(np.float32)
 """[p], weights of a patch's pixels."""
+CORE = np.exp(-(OFFSETS**2).sum(1) / (2 * (0.25 * RADIUS) ** 2)).astype(np.float32)
+"""[p], the same where the pixels around the point alone count."""
+LEAST_SHOWN = 0.5
+"""Of a patch, by weight, to be judged: the rest may lie outside of the frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +73,10 @@ class Match:
 
     xy: Floats
     """[n, 2]"""
-    likeness: Floats
-    """[n], correlation of patch and frame there, gain and bias taken out: at most 1."""
+    unexplained: Floats
+    """[n], share of the frame's variance there that is not the patch's with other light: 0 where they are alike."""
+    unexplained_core: Floats
+    """[n], the same of the few pixels around the point."""
     deviation: Floats
     """[n], pixels by which noise like what is left over would move the place, in the patch's worst direction."""
 
@@ -144,24 +150,30 @@ def judge(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Matc
     design = patches.design[:, 0]
     grey, inside = _sampled(images[0], xy, matrix, OFFSETS)
     weights = patches.weights[:, 0] * inside
-    solution, left = _solved(design[:, 2:], weights, grey)
-    total = np.maximum(weights.sum(1), 1e-6)
-    mean = (weights * grey).sum(1) / total
-    spread = (weights * (grey - mean[:, None]) ** 2).sum(1)
-    remainder = (weights * left**2).sum(1)
-    likeness = np.where(solution[:, 0] > 0, 1 - remainder / np.maximum(spread, 1e-6), 0)
+    unexplained, gain, noise = _compared(design[:, 2], grey, weights)
+    unexplained_core, _, _ = _compared(design[:, 2], grey, weights * CORE)
     gradient = design[:, :2]
     tensor = (gradient * weights[:, None]) @ gradient.swapaxes(1, 2)
-    middle = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2
-    least = middle - np.hypot((tensor[:, 0, 0] - tensor[:, 1, 1]) / 2, tensor[:, 0, 1])
-    scale = np.maximum(solution[:, 0], 0.1) * np.sqrt(np.maximum(least, 1e-6))
-    deviation = np.sqrt(remainder / total) / scale
-    enough = total > 0.5 * WINDOW.sum()
-    return Match(
-        xy,
-        np.sqrt(np.maximum(np.where(enough, likeness, 0), 0)).astype(np.float32),
-        np.where(enough, deviation, np.inf).astype(np.float32),
-    )
+    across = np.hypot((tensor[:, 0, 0] - tensor[:, 1, 1]) / 2, tensor[:, 0, 1])
+    least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across  # the smaller eigenvalue
+    deviation = noise / np.maximum(gain * np.sqrt(np.maximum(least, 0)), 1e-9)
+    enough = weights.sum(1) > LEAST_SHOWN * WINDOW.sum()
+    unexplained, unexplained_core = (np.where(enough, share, 1) for share in (unexplained, unexplained_core))
+    return Match(xy, unexplained, unexplained_core, np.where(enough, deviation, np.inf))
+
+
+def _compared(patch: Floats, grey: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """`grey` [n, p] as `patch` [n, p] with a gain and a bias: the share of its variance that this leaves, 1 where the
+    gain is not positive; the gain; the deviation of what is left. Each [n].
+    """
+    total = np.maximum(weights.sum(1, keepdims=True), 1e-6)
+    weights = weights / total
+    patch = patch - (weights * patch).sum(1, keepdims=True)
+    grey = grey - (weights * grey).sum(1, keepdims=True)
+    common = np.maximum((weights * patch * grey).sum(1), 0)
+    own, seen = (np.maximum((weights * values**2).sum(1), 1e-6) for values in (patch, grey))
+    unexplained = np.maximum(1 - common**2 / (own * seen), 0)
+    return unexplained, common / own, np.sqrt(unexplained * seen)
 
 
 def _solved(design: Floats, weights: Floats, grey: Floats) -> tuple[Floats, Floats]:
