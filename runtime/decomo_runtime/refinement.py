@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
@@ -113,7 +113,7 @@ class _Search:
         frames: AnyFrames,
     ) -> None:
         size = np.array([tracker.width, tracker.height], np.float32)
-        scale = unit(*size)
+        scale = unit(tracker.height, tracker.width)
         self._frames, self._numbers, self._answers = frames, numbers, answers
         self._asked_in, self._places = queries[:, 0].astype(np.int64), queries[:, 1:]
         self._farthest = FARTHEST * scale
@@ -145,28 +145,46 @@ class _Search:
         return patches
 
     def _follow(self, asked: Patches, order: Rows, sought: Mask) -> None:
-        """Seeks points where `sought` [N, M], in frames by `order`, which leads away from the queries' frames."""
-        last = empty_patches(*asked.weights.shape[:2])
-        drift = np.full(len(self._places), np.inf, np.float32)  # of `last`, pixels
+        """Seeks points where `sought` [N, M], in frames by `order`, which leads away from the queries' frames.
+
+        First near where the point would be if the model erred as it did before, then all around the model's answer,
+        and at last what was found before instead of the query.
+        """
+        trail = _Trail.begun(*asked.weights.shape[:2])
         for column, images in self._pictures(order[sought[:, order].any(0)]):
             rows = np.flatnonzero(sought[:, column])
-            found = self._seek(rows, column, images, asked[rows], drift, np.zeros(len(rows), np.float32))
-            again = np.setdiff1d(rows[np.isfinite(drift[rows])], found)
-            if len(again):
-                found = np.union1d(found, self._seek(again, column, images, last[again], drift, drift[again]))
+            shift, exact = trail.shift.copy(), np.zeros(len(sought), np.float32)
+            rows = self._seek(rows, column, images, asked, exact, trail, shift, 1)
+            rows = self._seek(rows, column, images, asked, exact, trail, np.zeros_like(shift), self._levels)
+            rows = rows[np.isfinite(trail.deviation[rows])]
+            self._seek(rows, column, images, trail.patches, trail.deviation.copy(), trail, shift, 1)
+            found = np.flatnonzero(self._found[:, column] & sought[:, column])
             if len(found):
-                last[found] = cut(images, self._xy[found, column], self._matrix[found, column], asked.weights[found])
+                places, matrix = self._xy[found, column], self._matrix[found, column]
+                trail.patches[found] = cut(images, places, matrix, asked.weights[found])
 
-    def _seek(self, rows: Rows, column: int, images: Pyramid, patches: Patches, drift: Floats, before: Floats) -> Rows:
-        """Seeks the `patches` of `rows`, that have drifted so far `before`; those that are found."""
-        start, matrix = self._answers[rows, column], self._matrix[rows, column]
-        match = register(patches, images, start, matrix)
-        match = replace(match, deviation=match.deviation + before)
-        good = self._is_plain(match, judge(patches, images, start, matrix))
+    def _seek(
+        self,
+        rows: Rows,
+        column: int,
+        images: Pyramid,
+        patches: Patches,
+        drift: Floats,
+        trail: _Trail,
+        shift: Floats,
+        levels: int,
+    ) -> Rows:
+        """Seeks `patches` that have drifted by `drift` [N], from the model's answers and `shift` [N, 2] on: the rows
+        that are not found.
+        """
+        wanted, answer, matrix = patches[rows], self._answers[rows, column], self._matrix[rows, column]
+        match = register(wanted, images, answer + shift[rows], matrix, levels)
+        match = replace(match, deviation=match.deviation + drift[rows])
+        good = self._is_plain(match, judge(wanted, images, answer, matrix))
         found = rows[good]
         self._xy[found, column], self._found[found, column] = match.xy[good], True
-        drift[found] = match.deviation[good]
-        return found
+        trail.deviation[found], trail.shift[found] = match.deviation[good], match.xy[good] - answer[good]
+        return rows[~good]
 
     def _is_plain(self, match: Match, answer: Match) -> Mask:
         """Whether the match is plainly better than the model's answer."""
@@ -190,6 +208,24 @@ class _Search:
 
     def _pyramid(self, frame: npt.NDArray[np.uint8]) -> Pyramid:
         return pyramid(np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8), self._levels)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trail:
+    """Of N points, the nearest frame before in which they were found; at first none."""
+
+    patches: Patches
+    """What it shows."""
+    shift: Floats
+    """[N, 2], from the model's answer to where they were found."""
+    deviation: Floats
+    """[N], pixels by which noise may have moved that; infinite at first."""
+
+    @staticmethod
+    def begun(points: int, levels: int) -> _Trail:
+        return _Trail(
+            empty_patches(points, levels), np.zeros((points, 2), np.float32), np.full(points, np.inf, np.float32)
+        )
 
 
 def _jacobian(

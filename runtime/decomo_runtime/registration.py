@@ -113,10 +113,10 @@ def cut(images: Pyramid, xy: Floats, matrix: Floats, weights: Floats = WINDOW) -
     return patches
 
 
-def register(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Match:
-    """Seeks the patches in a frame from places `xy` [n, 2] on, from the coarsest level to the finest."""
+def register(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats, levels: int) -> Match:
+    """Seeks the patches in a frame from places `xy` [n, 2] on, on the `levels` finest levels, coarse to fine."""
     xy = xy.astype(np.float32)
-    for level in range(len(images) - 1, -1, -1):
+    for level in reversed(range(levels)):
         moving = np.arange(len(xy))
         for _ in range(STEPS):
             step = _step(patches, images, level, xy[moving], matrix[moving], moving)
@@ -155,9 +155,11 @@ def judge(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Matc
     gradient = design[:, :2]
     tensor = (gradient * weights[:, None]) @ gradient.swapaxes(1, 2)
     across = np.hypot((tensor[:, 0, 0] - tensor[:, 1, 1]) / 2, tensor[:, 0, 1])
-    least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across  # the smaller eigenvalue
-    deviation = noise / np.maximum(gain * np.sqrt(np.maximum(least, 0)), 1e-9)
-    enough = weights.sum(1) > LEAST_SHOWN * WINDOW.sum()
+    total = weights.sum(1)
+    noise = noise / np.maximum(gain, 1e-6)  # in the patch's own light
+    least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across - total * noise**2 / 4  # noise has gradients too
+    deviation = noise / np.sqrt(np.maximum(least, 1e-9))
+    enough = total > LEAST_SHOWN * WINDOW.sum()
     unexplained, unexplained_core = (np.where(enough, share, 1) for share in (unexplained, unexplained_core))
     return Match(xy, unexplained, unexplained_core, np.where(enough, deviation, np.inf))
 
@@ -185,7 +187,7 @@ def _solved(design: Floats, weights: Floats, grey: Floats) -> tuple[Floats, Floa
     normal[:, range(size), range(size)] += 1e-3
     right = weighted @ grey[..., None]
     solution = np.linalg.solve(normal.astype(np.float64), right.astype(np.float64))[..., 0].astype(np.float32)
-    return solution, grey - (solution[:, None] @ design)[:, 0]
+    return solution, np.asarray(grey - (solution[:, None] @ design)[:, 0], np.float32)
 
 
 def _doubted(weights: Floats, left: Floats) -> Floats:
