@@ -61,8 +61,9 @@ def photographed(
     box = texture(2, height=int(BOX[1]), width=int(BOX[0])) if box is None else box
     frames = []
     for frame in range(FRAMES):
-        options = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REFLECT_101}
-        picture = cv2.warpAffine(ground, motion.ground(frame), (WIDTH, HEIGHT), **options)
+        picture = cv2.warpAffine(
+            ground, motion.ground(frame), (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
         shift = np.column_stack([np.eye(2), motion.box(frame)])
         alpha = cv2.warpAffine(np.ones_like(box), shift, (WIDTH, HEIGHT))
         over = cv2.warpAffine(box, shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

@@ -73,6 +73,23 @@ class Scenery:
         outside = (xy[..., 1] < -0.5) | (xy[..., 1] >= self.height - 0.5)
         return xy, true.occluded | outside
 
+    def follow(self, queries: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Where `queries` [N, 3], (t, x, y) in pixels, are in every frame, [N, T, 2], and whether occluded [N, T]."""
+        top, extent = self._top, np.array([self.width, self.height])
+        xy, occluded = np.empty((len(queries), self.num_frames, 2)), np.ones((len(queries), self.num_frames), bool)
+        for t in np.unique(queries[:, 0]).astype(int).tolist():
+            rows = np.flatnonzero(queries[:, 0] == t)
+            asked = (queries[rows, 1:] + (0.5, 0.5 + top)) / self.width
+            owner = self._scene.layer_at(asked, self._times[t])
+            for index, layer in enumerate(self._scene.layers):
+                own = rows[owner == index]
+                material = layer.warp(self._times[t]).to_material(asked[owner == index])
+                for frame, time in enumerate(self._times.tolist()):
+                    place = layer.warp(time).to_frame(material)
+                    xy[own, frame] = place * self.width - 0.5 - (0, top)
+                    occluded[own, frame] = self._scene.layer_at(place, time) != index
+        return xy, occluded | ((xy < -0.5) | (xy >= extent - 0.5)).any(axis=-1)
+
     @property
     def _times(self) -> npt.NDArray[np.float64]:
         return np.linspace(0, 1, self.num_frames)

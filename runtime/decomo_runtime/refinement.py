@@ -15,20 +15,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import RefinementError
+from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.registration import RADIUS, Match, Patches, Pyramid, cut, empty_patches, judge, pyramid, register
 from decomo_runtime.tracks import Tracks
 from decomotion.units import unit
-
-if TYPE_CHECKING:
-    from decomo_runtime.tracker import Tracker
 
 Floats = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -64,7 +62,20 @@ class AnyFrames(Protocol):
     def __getitem__(self, index: int, /) -> npt.NDArray[np.uint8]: ...
 
 
-def refine(tracker: Tracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
+class AnyTracker(Protocol):
+    """What is asked of a `Tracker`."""
+
+    @property
+    def facts(self) -> ModelFacts:
+        """Of the clip and its model."""
+        ...
+
+    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
+        """Follows `queries` [N, 3] to `frames` [M]."""
+        ...
+
+
+def refine(tracker: AnyTracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
     """`tracks` with what is found of them in `frames` (RGB, uint8 [T, H, W, 3], of the whole clip), and `refined` set.
 
     Occlusion stays as it is. One point's answer does not depend on the others; frames that are not asked for are not
@@ -105,15 +116,15 @@ class _Search:
 
     def __init__(
         self,
-        tracker: Tracker,
+        tracker: AnyTracker,
         queries: Floats,
         numbers: npt.NDArray[np.int64],
         answers: Floats,
         seen: Mask,
         frames: AnyFrames,
     ) -> None:
-        size = np.array([tracker.width, tracker.height], np.float32)
-        scale = unit(tracker.height, tracker.width)
+        height, width = tracker.facts.height, tracker.facts.width
+        size, scale = np.array([width, height], np.float32), unit(height, width)
         self._frames, self._numbers, self._answers = frames, numbers, answers
         self._asked_in, self._places = queries[:, 0].astype(np.int64), queries[:, 1:]
         self._farthest = FARTHEST * scale
@@ -229,7 +240,7 @@ class _Trail:
 
 
 def _jacobian(
-    tracker: Tracker, queries: Floats, numbers: npt.NDArray[np.int64], answers: Floats, apart: float, size: Floats
+    tracker: AnyTracker, queries: Floats, numbers: npt.NDArray[np.int64], answers: Floats, apart: float, size: Floats
 ) -> Floats:
     """[N, M, 2, 2]: how the model moves what lies around each query, from its answers to points `apart` from it."""
     apart = min(apart, float(size.min()) / 2)

@@ -157,7 +157,7 @@ def judge(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Matc
     across = np.hypot((tensor[:, 0, 0] - tensor[:, 1, 1]) / 2, tensor[:, 0, 1])
     total = weights.sum(1)
     noise = noise / np.maximum(gain, 1e-6)  # in the patch's own light
-    least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across - total * noise**2 / 4  # noise has gradients too
+    least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across - total * noise**2 / 3  # noise has gradients too
     deviation = noise / np.sqrt(np.maximum(least, 1e-9))
     enough = total > LEAST_SHOWN * WINDOW.sum()
     unexplained, unexplained_core = (np.where(enough, share, 1) for share in (unexplained, unexplained_core))
