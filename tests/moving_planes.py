@@ -77,7 +77,7 @@ class ErringTracker:
     Args:
         motion: what is true.
         error: by which answers err, about, in pixels; nothing in the query's own frame.
-        offset: by which they err besides, everywhere alike, to the right, in frames that are not the query's.
+        offset: by which they err besides, everywhere alike, to the right, for each frame from the query's.
     """
 
     num_frames, height, width = FRAMES, HEIGHT, WIDTH
@@ -88,6 +88,7 @@ class ErringTracker:
 
     def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
         queries = np.asarray(queries, np.float32)
+        assert (np.abs(queries[:, 1:] - np.array([WIDTH - 1, HEIGHT - 1]) / 2) <= np.array([WIDTH, HEIGHT]) / 2).all()
         columns = np.arange(FRAMES) if frames is None else np.asarray(frames, np.int64)
         xy, occluded = np.empty((len(queries), len(columns), 2)), np.ones((len(queries), len(columns)), bool)
         for row, (t, *place) in enumerate(queries.astype(np.float64)):
@@ -95,11 +96,14 @@ class ErringTracker:
             for column, frame in enumerate(columns.tolist()):
                 true = self._carried(np.array(place), on_box, int(t), frame)
                 xy[row, column] = true + self._error(np.array(place), frame) - self._error(np.array(place), int(t))
-                xy[row, column, 0] += self.offset * (frame != t)
+                xy[row, column, 0] += self.offset * (frame - t)
                 outside = ((true < -0.5) | (true > np.array([WIDTH, HEIGHT]) - 0.5)).any()
                 occluded[row, column] = outside or (self.on_box(true, frame) and not on_box)
         scores = occluded.astype(np.float32)
         return Tracks(xy.astype(np.float32), occluded, scores, queries, columns, (HEIGHT, WIDTH))
+
+    def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        return np.array([self.on_box(xy, int(t)) for t, *xy in np.asarray(queries).tolist()], bool)
 
     def on_box(self, xy: npt.ArrayLike, frame: int) -> bool:
         inside = np.asarray(xy) - self.motion.box(frame)

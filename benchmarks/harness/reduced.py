@@ -26,10 +26,17 @@ class ReducedTracker:
 
     def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
         """`queries` [N, 3] and tracks are in pixels of the clip."""
-        asked = np.array(queries, np.float32)
-        edge = np.array([self._tracker.width, self._tracker.height], np.float32) - 0.5
-        asked[:, 1:] = np.minimum((asked[:, 1:] + 0.5) * self._scale - 0.5, edge)  # the quotient is rounded
-        tracks = self._tracker.track(asked, frames)
+        tracks = self._tracker.track(self._reduced(queries), frames)
         xy = ((tracks.xy + 0.5) / self._scale - 0.5).astype(np.float32)
         size = self.facts.height, self.facts.width
         return replace(tracks, xy=xy, queries=np.asarray(queries, np.float32), size=size)
+
+    def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """As `Tracker.on_object`."""
+        return self._tracker.on_object(self._reduced(queries))
+
+    def _reduced(self, queries: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        asked = np.array(queries, np.float32)
+        edge = np.array([self._tracker.width, self._tracker.height], np.float32) - 0.5
+        asked[:, 1:] = np.minimum((asked[:, 1:] + 0.5) * self._scale - 0.5, edge)  # the quotient is rounded
+        return asked

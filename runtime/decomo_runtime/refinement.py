@@ -24,7 +24,20 @@ import numpy.typing as npt
 from decomo_runtime.errors import RefinementError
 from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.queries import check_frames, check_queries
-from decomo_runtime.registration import RADIUS, Match, Patches, Pyramid, cut, empty_patches, judge, pyramid, register
+from decomo_runtime.registration import (
+    OFFSETS,
+    RADIUS,
+    SIDE,
+    WINDOW,
+    Match,
+    Patches,
+    Pyramid,
+    cut,
+    empty_patches,
+    judge,
+    pyramid,
+    register,
+)
 from decomo_runtime.tracks import Tracks
 from decomotion.units import unit
 
@@ -34,17 +47,14 @@ Rows = npt.NDArray[np.intp]
 
 FARTHEST = 2.0
 """Units by which a model's answer may err; what is found farther away is something else."""
-MOST_UNEXPLAINED = 0.2
-"""Share of the variance in a frame that a patch, with a gain and a bias, leaves where it is found."""
 LARGEST_DEVIATION = 0.25
 """Pixels by which noise may have moved a place."""
 BETTER = 4.0
-"""A match leaves so many times less than the model's answer. Fur, water and moving light leave much at any place: there
-a little less is no sign of a better one. Around the point itself a match must not leave more: of two surfaces in a
-patch it could be the other that was found.
+"""Of a frame's variance a match leaves so many times less unexplained than the model's answer. Fur, water and moving
+light leave much at any place: there a little less is no sign of a better one.
 """
-MOST_STRETCHED = 2.5
-"""A surface that is seen so many times larger or smaller than in the query's frame is not sought."""
+OWNED = 3
+"""Pixels of a patch, along and across, of which one is asked whose it is."""
 CHUNK = 4096
 """Points at once; the clip is read once for each chunk, and once more for frames before a query's."""
 BLOCK = 8
@@ -72,6 +82,10 @@ class AnyTracker(Protocol):
 
     def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
         """Follows `queries` [N, 3] to `frames` [M]."""
+        ...
+
+    def on_object(self, queries: npt.ArrayLike) -> Mask:
+        """Which of `queries` [N, 3] a moving object owns."""
         ...
 
 
@@ -125,13 +139,13 @@ class _Search:
     ) -> None:
         height, width = tracker.facts.height, tracker.facts.width
         size, scale = np.array([width, height], np.float32), unit(height, width)
-        self._frames, self._numbers, self._answers = frames, numbers, answers
+        self._tracker, self._frames, self._numbers, self._answers = tracker, frames, numbers, answers
         self._asked_in, self._places = queries[:, 0].astype(np.int64), queries[:, 1:]
         self._farthest = FARTHEST * scale
         self._levels = 1 + max(0, round(math.log2(scale / 2)))  # an error of two units is four pixels of the coarsest
         self._matrix = _jacobian(tracker, queries, numbers, answers, max(scale, RADIUS), size)
         inside = ((answers > -0.5) & (answers < size - 0.5)).all(-1)
-        self._sought = seen & inside & _is_alike(self._matrix)
+        self._sought = seen & inside
         self._xy, self._found = answers.copy(), np.zeros_like(seen)
 
     def run(self) -> tuple[Floats, Mask]:
@@ -147,19 +161,32 @@ class _Search:
         return self._xy, self._found
 
     def _ask(self) -> Patches:
-        """The patches of the queries."""
+        """The patches of the queries; of what the model knows to be another's, nothing."""
         patches = empty_patches(len(self._places), self._levels)
         for frame in np.unique(self._asked_in[self._sought.any(1)]):
             rows = np.flatnonzero(self._asked_in == frame)
             upright = np.broadcast_to(np.eye(2, dtype=np.float32), (len(rows), 2, 2))
-            patches[rows] = cut(self._pyramid(self._frames[int(frame)]), self._places[rows], upright)
+            weights = WINDOW * self._own(rows)
+            patches[rows] = cut(self._pyramid(self._frames[int(frame)]), self._places[rows], upright, weights)
         return patches
+
+    def _own(self, rows: Rows) -> Mask:
+        """[n, l, p]: which pixels of each level's patch belong to what the point belongs to."""
+        edge = np.array([self._tracker.facts.width, self._tracker.facts.height], np.float32) - 0.5
+        steps = OFFSETS.reshape(SIDE, SIDE, 2)[OWNED // 2 :: OWNED, OWNED // 2 :: OWNED]
+        around = np.stack([2**level * steps for level in range(self._levels)])
+        places = np.clip(self._places[rows, None, None, None] + around, -0.5, edge)
+        t = np.broadcast_to(self._asked_in[rows, None, None, None, None], (*places.shape[:-1], 1))
+        owned = self._tracker.on_object(np.concatenate([t, places], axis=-1).reshape(-1, 3)).reshape(places.shape[:-1])
+        middle = owned.shape[-1] // 2
+        own = owned == owned[:, :1, middle : middle + 1, middle : middle + 1]
+        return own.repeat(OWNED, -1).repeat(OWNED, -2).reshape(*own.shape[:2], -1)
 
     def _follow(self, asked: Patches, order: Rows, sought: Mask) -> None:
         """Seeks points where `sought` [N, M], in frames by `order`, which leads away from the queries' frames.
 
-        First near where the point would be if the model erred as it did before, then all around the model's answer,
-        and at last what was found before instead of the query.
+        First where the point would be if the model erred as it did before, which is quick; then all around the model's
+        answer; at last what was found before instead of the query.
         """
         trail = _Trail.begun(*asked.weights.shape[:2])
         for column, images in self._pictures(order[sought[:, order].any(0)]):
@@ -200,11 +227,9 @@ class _Search:
     def _is_plain(self, match: Match, answer: Match) -> Mask:
         """Whether the match is plainly better than the model's answer."""
         return (
-            (match.unexplained < MOST_UNEXPLAINED)
+            (BETTER * match.unexplained < answer.unexplained)
             & (match.deviation < LARGEST_DEVIATION)
             & (np.hypot(*(match.xy - answer.xy).T) < self._farthest)
-            & (BETTER * match.unexplained < answer.unexplained)
-            & (match.unexplained_core < answer.unexplained_core)
         )
 
     def _pictures(self, columns: Rows) -> Iterator[tuple[int, Pyramid]]:
@@ -251,11 +276,3 @@ def _jacobian(
         beside[:, 1 + axis] += side
         matrix[..., axis] = (tracker.track(beside, numbers).xy - answers) / side[:, None, None]
     return matrix
-
-
-def _is_alike(matrix: Floats) -> Mask:
-    """Whether matrices [..., 2, 2] neither mirror, nor stretch or shrink by more than `MOST_STRETCHED`."""
-    areas = np.linalg.det(matrix)
-    squares = (matrix**2).sum((-1, -2)) / 2
-    most = np.sqrt(squares + np.sqrt(np.maximum(squares**2 - areas**2, 0)))  # the larger singular value
-    return (most < MOST_STRETCHED) & (areas > most / MOST_STRETCHED)

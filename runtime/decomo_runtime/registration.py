@@ -3,8 +3,7 @@
 A patch is a square of grey values around a point, on each level of a pyramid. Its place in a frame is a point and a
 2x2 matrix A: what lies at u from the patch's centre lies at xy + A u there. The matrix is given, the point is sought.
 As a patch's own gradients are used, they are taken once, however many frames it is sought in (Baker and Matthews,
-2004). Light may differ by a gain and a bias, which are solved for at every step; what does not fit the patch, another
-surface behind an edge, weighs little.
+2004). Light may differ by a gain and a bias, which are solved for at every step.
 
 n points, p = SIDE^2 pixels of a patch, l levels; places are (x, y) in pixels of the frame, offsets in pixels of a
 level.
@@ -35,8 +34,6 @@ _LONGEST = 2.0
 """Of a step, in pixels of a level: beyond it the gradients tell nothing."""
 _BLUR = 0.7
 """Of the finest level, deviation in pixels: places between pixels are then interpolated well."""
-_NOISE = 2.0
-"""Grey values by which a pixel may differ and weigh in full."""
 _ROWS = 2**14
 """Points at once: cv2.remap takes no more rows than a short counts."""
 
@@ -45,8 +42,6 @@ OFFSETS = np.stack(np.meshgrid(_LINE, _LINE), axis=-1).reshape(-1, 2)
 """[p, 2]"""
 WINDOW = np.exp(-(OFFSETS**2).sum(1) / (2 * (0.6 * RADIUS) ** 2)).astype(np.float32)
 """[p], weights of a patch's pixels."""
-CORE = np.exp(-(OFFSETS**2).sum(1) / (2 * (0.25 * RADIUS) ** 2)).astype(np.float32)
-"""[p], the same where the pixels around the point alone count."""
 LEAST_SHOWN = 0.5
 """Of a patch, by weight, to be judged: the rest may lie outside of the frame."""
 
@@ -75,8 +70,6 @@ class Match:
     """[n, 2]"""
     unexplained: Floats
     """[n], share of the frame's variance there that is not the patch's with other light: 0 where they are alike."""
-    unexplained_core: Floats
-    """[n], the same of the few pixels around the point."""
     deviation: Floats
     """[n], pixels by which noise like what is left over would move the place, in the patch's worst direction."""
 
@@ -134,10 +127,7 @@ def _step(
     design = patches.design[rows, level]
     grey, inside = _sampled(images[level], xy / 2**level, matrix, OFFSETS)
     weights = patches.weights[rows, level] * inside
-    if level == 0:
-        _, left = _solved(design[:, 2:], weights, grey)
-        weights = _doubted(weights, left)
-    solution, _ = _solved(design, weights, grey)
+    solution = _solved(design, weights, grey)
     gain = np.maximum(solution[:, 2:3], 0.1)
     offset = solution[:, :2] / gain
     step = -np.einsum("nij,nj->ni", matrix, offset)
@@ -151,7 +141,6 @@ def judge(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Matc
     grey, inside = _sampled(images[0], xy, matrix, OFFSETS)
     weights = patches.weights[:, 0] * inside
     unexplained, gain, noise = _compared(design[:, 2], grey, weights)
-    unexplained_core, _, _ = _compared(design[:, 2], grey, weights * CORE)
     gradient = design[:, :2]
     tensor = (gradient * weights[:, None]) @ gradient.swapaxes(1, 2)
     across = np.hypot((tensor[:, 0, 0] - tensor[:, 1, 1]) / 2, tensor[:, 0, 1])
@@ -160,8 +149,7 @@ def judge(patches: Patches, images: Pyramid, xy: Floats, matrix: Floats) -> Matc
     least = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2 - across - total * noise**2 / 3  # noise has gradients too
     deviation = noise / np.sqrt(np.maximum(least, 1e-9))
     enough = total > LEAST_SHOWN * WINDOW.sum()
-    unexplained, unexplained_core = (np.where(enough, share, 1) for share in (unexplained, unexplained_core))
-    return Match(xy, unexplained, unexplained_core, np.where(enough, deviation, np.inf))
+    return Match(xy, np.where(enough, unexplained, 1), np.where(enough, deviation, np.inf))
 
 
 def _compared(patch: Floats, grey: Floats, weights: Floats) -> tuple[Floats, Floats, Floats]:
@@ -178,22 +166,14 @@ def _compared(patch: Floats, grey: Floats, weights: Floats) -> tuple[Floats, Flo
     return unexplained, common / own, np.sqrt(unexplained * seen)
 
 
-def _solved(design: Floats, weights: Floats, grey: Floats) -> tuple[Floats, Floats]:
-    """Least squares of `grey` [n, p] by `design` [n, k, p]: the solution [n, k], and what is left over [n, p]."""
+def _solved(design: Floats, weights: Floats, grey: Floats) -> Floats:
+    """Least squares of `grey` [n, p] by `design` [n, k, p]: [n, k]."""
     weighted = design * weights[:, None]
-    normal = weighted @ design.swapaxes(1, 2)
-    size = normal.shape[1]
-    normal[:, range(size), range(size)] *= 1 + 1e-5
-    normal[:, range(size), range(size)] += 1e-3
-    right = weighted @ grey[..., None]
-    solution = np.linalg.solve(normal.astype(np.float64), right.astype(np.float64))[..., 0].astype(np.float32)
-    return solution, np.asarray(grey - (solution[:, None] @ design)[:, 0], np.float32)
-
-
-def _doubted(weights: Floats, left: Floats) -> Floats:
-    """Less weight where more is left than elsewhere."""
-    usual = np.sqrt((weights * left**2).sum(1) / np.maximum(weights.sum(1), 1e-6))
-    return weights / (1 + (left / (_NOISE + 1.5 * usual[:, None])) ** 2)
+    normal = (weighted @ design.swapaxes(1, 2)).astype(np.float64)
+    diagonal = range(design.shape[1])
+    normal[:, diagonal, diagonal] = (1 + 1e-5) * normal[:, diagonal, diagonal] + 1e-3  # solvable where all is flat
+    right = (weighted @ grey[..., None]).astype(np.float64)
+    return np.linalg.solve(normal, right)[..., 0].astype(np.float32)
 
 
 def _sampled(image: Floats, xy: Floats, matrix: Floats, offsets: Floats) -> tuple[Floats, Floats]:

@@ -78,6 +78,17 @@ def test_nothing_else_changes(video: npt.NDArray[np.uint8]):
     assert vars(replace(after, xy=before.xy, refined=None)) == vars(before)  # the same arrays
 
 
+def test_what_the_model_says_to_be_hidden_stays(video: npt.NDArray[np.uint8]):
+    tracker = ErringTracker(MOTION, ERROR)
+    tracks = tracker.track(drawn(30, 16, 2))
+    tracks.occluded[:, [2, 4]] = True
+    after = refine(tracker, tracks, video)
+    assert after.refined is not None
+    assert not after.refined[:, [2, 4]].any()
+    assert after.refined[:, [3, 5]].any(0).all()
+    assert (after.xy[:, [2, 4]] == tracks.xy[:, [2, 4]]).all()
+
+
 def test_a_point_is_where_it_was_asked_for(video: npt.NDArray[np.uint8]):
     queries = drawn(20, 2)
     tracker = ErringTracker(MOTION)
@@ -170,6 +181,16 @@ def test_what_changes_is_followed_from_frame_to_frame():
     assert np.median(outcome.errors[outcome.found[outcome.seen]]) < 0.5
 
 
+def test_a_little_better_is_no_sign():
+    """Surfaces that look a little different in each frame, and answers that are right."""
+    ways = Motion(turn=0, zoom=1, pan=(-2.5, 0.5))
+    grounds = [texture(1) * 0.93 + (texture(30 + frame) - 128) * 0.35 for frame in range(FRAMES)]
+    video = np.stack([photographed(ways, ground)[frame] for frame, ground in enumerate(grounds)])
+    outcome = refined(video, drawn(40, 15), ways, error=0.0)
+    assert outcome.found[outcome.seen].mean() < 0.05
+    assert np.median(outcome.errors) < 0.001
+
+
 @pytest.mark.parametrize("kind", ["flat", "stripes"])
 def test_what_has_no_texture_stays(kind: str):
     ways = Motion(turn=0, zoom=1, pan=(-2.5, 0), box_start=(-400, 0), box_velocity=(0, 0))
@@ -183,10 +204,10 @@ def test_what_has_no_texture_stays(kind: str):
     assert found[queries[:, :1] != np.arange(FRAMES)].mean() < 0.01
 
 
-@pytest.mark.parametrize(("units", "share"), [(1.2, 0.5), (2.1, 0)])
+@pytest.mark.parametrize(("units", "share"), [(1.7, 0.5), (2.1, 0)])
 def test_what_is_farther_than_a_model_errs_is_something_else(video: npt.NDArray[np.uint8], units: float, share: float):
     tracker = ErringTracker(MOTION, offset=units * WIDTH / 256)
-    tracks = tracker.track(drawn(30, 12, 0), [2])
+    tracks = tracker.track(drawn(30, 12, 0), [1])
     after = refine(tracker, tracks, video)
     assert after.refined is not None
     found = after.refined[~tracks.occluded].mean()
@@ -217,7 +238,7 @@ def test_at_the_frames_border(margin: float, share: float):
     assert (outcome.errors > outcome.errors_before + 0.1).mean() < 0.01
 
 
-@pytest.mark.parametrize(("margin", "share"), [(2, 0), (6, 0.3), (12, 0.7)])
+@pytest.mark.parametrize(("margin", "share"), [(2, 0.3), (6, 0.5), (12, 0.7)])
 def test_at_an_objects_border(video: npt.NDArray[np.uint8], margin: float, share: float):
     along = np.linspace(10, BOX[0] - 11, 30)
     inside = np.stack([along, np.full(30, margin)], axis=1)
@@ -225,6 +246,17 @@ def test_at_an_objects_border(video: npt.NDArray[np.uint8], margin: float, share
     outcome = refined(video, queries, error=2.0)
     assert outcome.found[outcome.seen].mean() >= share
     assert (outcome.errors > outcome.errors_before + 0.2).mean() < 0.01
+
+
+def test_the_surface_behind_does_not_take_a_point_along():
+    ways = Motion(turn=0, zoom=1, pan=(-2, 0), box_velocity=(-0.4, 1.3))
+    faint = 0.2 * (texture(2, height=int(BOX[1]), width=int(BOX[0])) - 128) + 128
+    along = np.linspace(10, BOX[0] - 11, 40)
+    inside = np.concatenate([np.stack([along, np.full(40, margin)], axis=1) for margin in (2.0, 3.5, 5.0)])
+    queries = np.concatenate([np.full((len(inside), 1), 2), ways.box(2) + inside], axis=1).astype(np.float32)
+    outcome = refined(photographed(ways, box=faint), queries, ways, error=0.6)
+    assert outcome.found[outcome.seen].mean() > 0.15
+    assert not (outcome.errors > outcome.errors_before + 0.3).any()
 
 
 class Reading:
