@@ -54,7 +54,7 @@ BETTER = 4.0
 light leave much at any place: there a little less is no sign of a better one.
 """
 OWNED = 3
-"""Pixels of a patch, along and across, of which one is asked whose it is."""
+"""Pixels of a patch, along and across, of which one is asked whose it is; a part of its side."""
 CHUNK = 4096
 """Points at once; the clip is read once for each chunk, and once more for frames before a query's."""
 BLOCK = 8
@@ -173,14 +173,14 @@ class _Search:
     def _own(self, rows: Rows) -> Mask:
         """[n, l, p]: which pixels of each level's patch belong to what the point belongs to."""
         edge = np.array([self._tracker.facts.width, self._tracker.facts.height], np.float32) - 0.5
-        steps = OFFSETS.reshape(SIDE, SIDE, 2)[OWNED // 2 :: OWNED, OWNED // 2 :: OWNED]
+        along = SIDE // OWNED
+        steps = OFFSETS.reshape(along, OWNED, along, OWNED, 2)[:, OWNED // 2, :, OWNED // 2]
         around = np.stack([2**level * steps for level in range(self._levels)])
-        places = np.clip(self._places[rows, None, None, None] + around, -0.5, edge)
-        t = np.broadcast_to(self._asked_in[rows, None, None, None, None], (*places.shape[:-1], 1))
-        owned = self._tracker.on_object(np.concatenate([t, places], axis=-1).reshape(-1, 3)).reshape(places.shape[:-1])
-        middle = owned.shape[-1] // 2
-        own = owned == owned[:, :1, middle : middle + 1, middle : middle + 1]
-        return own.repeat(OWNED, -1).repeat(OWNED, -2).reshape(*own.shape[:2], -1)
+        places = np.clip(self._places[rows, None, None, None] + around, -0.5, edge).reshape(-1, 2)
+        t = np.repeat(self._asked_in[rows], len(places) // max(1, len(rows)))
+        owned = self._tracker.on_object(np.column_stack([t, places])).reshape(len(rows), self._levels, along, along)
+        own = owned == owned[:, :1, along // 2, along // 2, None, None]
+        return own.repeat(OWNED, 2).repeat(OWNED, 3).reshape(len(rows), self._levels, -1)
 
     def _follow(self, asked: Patches, order: Rows, sought: Mask) -> None:
         """Seeks points where `sought` [N, M], in frames by `order`, which leads away from the queries' frames.

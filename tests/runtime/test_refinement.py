@@ -170,7 +170,9 @@ def test_what_changes_is_followed_from_frame_to_frame():
     ways = Motion(turn=0, zoom=1, pan=(-2.5, 0.5))
     old, new = texture(1), texture(9)
     shares = np.linspace(0, 0.5, FRAMES)
-    blended = [np.sqrt(1 - share) * (old - 128) + np.sqrt(share) * (new - 128) + 128 for share in shares]
+    blended = [
+        np.float32(1 - share) ** 0.5 * (old - 128) + np.float32(share) ** 0.5 * (new - 128) + 128 for share in shares
+    ]
     video = np.stack([photographed(ways, ground)[frame] for frame, ground in enumerate(blended)])
     queries = drawn(60, 10, 0)
     outcome = refined(video, queries, ways)

@@ -53,7 +53,7 @@ def test_found_from_five_pixels_away(turn: float, zoom: float, shift: tuple[floa
 
 def test_only_the_levels_asked_for_are_searched():
     patches, images = cut(seen(STILL, 3), PLACES, jacobians(STILL)), seen(STILL, 3)
-    start = (PLACES + np.float32([6, 6])).astype(np.float32)
+    start = PLACES + np.float32(6)
     assert (np.abs(register(patches, images, start, jacobians(STILL), 3).xy - PLACES) < 0.05).all()
     assert (np.abs(register(patches, images, start, jacobians(STILL), 1).xy - PLACES) > 1).any()
 
