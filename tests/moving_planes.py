@@ -54,7 +54,7 @@ def texture(seed: int, grain: float = 1.6, height: int = HEIGHT, width: int = WI
 
 
 def photographed(
-    motion: Motion, ground: npt.NDArray[np.float32] | None = None, box: npt.NDArray[np.float32] | None = None
+    motion: Motion, ground: npt.NDArray[np.floating] | None = None, box: npt.NDArray[np.floating] | None = None
 ) -> Video:
     """Frames [T, H, W, 3]; beyond its edges the ground is mirrored."""
     ground = texture(1) if ground is None else ground
