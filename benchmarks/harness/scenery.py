@@ -28,8 +28,6 @@ from harness.records import Record
 FPS = 24.0
 ACT = 100
 """Frames."""
-FINEST = 1024
-"""Textures are as fine as frames of this width show; wider ones are as soft as their texture."""
 PROBED = 240
 """Width of the maps of layers from which points are chosen."""
 BAND = 64
@@ -82,6 +80,23 @@ class Scenery:
         known = ~occluded.all(axis=1)
         return xy[known], occluded[known]
 
+    def follow(self, queries: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Where `queries` [N, 3], (t, x, y) in pixels, are in every frame, [N, T, 2], and whether occluded [N, T]."""
+        top, extent = self._top, np.array([self.width, self.height])
+        xy, occluded = np.empty((len(queries), self.num_frames, 2)), np.ones((len(queries), self.num_frames), bool)
+        for t in np.unique(queries[:, 0]).astype(int).tolist():
+            rows = np.flatnonzero(queries[:, 0] == t)
+            asked = (queries[rows, 1:] + (0.5, 0.5 + top)) / self.width
+            owner = self._scene.layer_at(asked, float(self._times[t]))
+            for index, layer in enumerate(self._scene.layers):
+                own = rows[owner == index]
+                material = layer.warp(float(self._times[t])).to_material(asked[owner == index])
+                for frame, time in enumerate(self._times.tolist()):
+                    place = layer.warp(time).to_frame(material)
+                    xy[own, frame] = place * self.width - 0.5 - (0, top)
+                    occluded[own, frame] = self._scene.layer_at(place, time) != index
+        return xy, occluded | ((xy < -0.5) | (xy >= extent - 0.5)).any(axis=-1)
+
     @property
     def _times(self) -> npt.NDArray[np.float64]:
         return np.linspace(0, 1, self.num_frames)
@@ -93,7 +108,7 @@ class Scenery:
 
     @cached_property
     def _scene(self) -> Scene:
-        scene = draw_scene(np.random.default_rng(self.seed), min(self.width, FINEST))
+        scene = draw_scene(np.random.default_rng(self.seed), self.width)
         acts, slant = self.num_frames / ACT, self.height / self.width
         return Scene(tuple(_longer(layer, index, acts, slant) for index, layer in enumerate(scene.layers)))
 

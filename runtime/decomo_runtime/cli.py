@@ -35,6 +35,7 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
 )
 @click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz or .csv.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
+@click.option("--refine", is_flag=True, help="Register what is in sight on the clip's own pixels; needs --clip.")
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
 @drawing_options
 def track(
@@ -46,6 +47,7 @@ def track(
     frame_range: str | None,
     out: Path,
     overlay: Path | None,
+    refine: bool,
     clip_path: Path | None,
     mark: str,
     trails: str,
@@ -69,8 +71,8 @@ def track(
 
     if bool(points) + (queries_file is not None) + (grid is not None) != 1:
         raise QueryError("give the points in exactly one way: --point, --queries or --grid")
-    if (overlay is None) != (clip_path is None):
-        raise OverlayError("--overlay and --clip go together: give the frames to draw on and the video to write")
+    if (overlay is not None or refine) != (clip_path is not None):
+        raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
     check_output("--out", out, SUFFIXES)
     check_not_input("--out", out, model, queries_file, clip_path)
@@ -90,6 +92,8 @@ def track(
 
     start = time.perf_counter()
     tracks = tracker.track(queries, frames)
+    if refine and clip is not None:
+        tracks = tracker.refine(tracks, clip.frames)
     seconds = time.perf_counter() - start
     tracks.save(out)
     if overlay is not None and clip is not None:
@@ -98,10 +102,11 @@ def track(
         write_video(overlay, drawn, clip.fps, times=clip.times[tracks.frames], pixel_aspect=clip.pixel_aspect)
 
     number, length = tracks.occluded.shape
-    hidden = f"{tracks.occluded.mean():.0%}" if tracks.occluded.size else "none"
+    hidden = _share(tracks.occluded)
+    refined = "" if tracks.refined is None else f"{_share(tracks.refined)} refined, "
     click.echo(
         f"{number} point{'s' * (number != 1)} of {tracker.clip_name} in {length} frame{'s' * (length != 1)}, "
-        f"{hidden} occluded, {seconds:.2f} s"
+        f"{hidden} occluded, {refined}{seconds:.2f} s"
     )
     for path in (out, overlay):
         if path is not None:
@@ -119,6 +124,10 @@ def _wanted_queries(
     if grid is not None:
         return grid_queries(*parse_grid(grid), model.height, model.width)
     return parse_points(points)
+
+
+def _share(mask: np.ndarray) -> str:
+    return f"{mask.mean():.0%}" if mask.size else "none"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -29,6 +29,10 @@ class OverlayError(RuntimeInputError):
     """The clip given for the overlay is not the one that the model was fitted to."""
 
 
+class RefinementError(RuntimeInputError):
+    """The frames or the tracks are not of the clip that the model was fitted to, so that nothing can be refined."""
+
+
 class RenderError(RuntimeInputError):
     """What is to be rendered does not exist, or options of a rendering contradict each other."""
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,9 @@ from decomo_runtime.tracks import Tracks
 from decomo_runtime.windows import WindowModels
 from decomotion.quality import Quality
 from decomotion.times import steady_times
+
+if TYPE_CHECKING:
+    from decomo_runtime.refinement import AnyFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +152,16 @@ class Tracker:
             queries = (whole[rows] for rows in parts)
         for part in queries:
             yield self.track(part, frames, max_memory=max_memory)
+
+    def refine(self, tracks: Tracks, frames: AnyFrames) -> Tracks:
+        """`tracks` of this model at the precision of the clip's own `frames`, RGB uint8 [T, H, W, 3], the whole clip.
+
+        Each answer in sight is registered on the pixels (`refinement.py`) and replaced where that is plainly better:
+        `Tracks.refined` says where. Raises `RefinementError` where frames or tracks are not of this model's clip.
+        """
+        from decomo_runtime.refinement import refine
+
+        return refine(self, tracks, frames)
 
     def dense(self, frame: int, *, to: int, max_memory: int | None = None) -> Dense:
         """Where each pixel of `frame` is in frame `to`, and whether it is hidden there."""

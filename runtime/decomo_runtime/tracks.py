@@ -35,13 +35,16 @@ class Tracks:
     """(height, width) of the clip in pixels; None where a file does not say."""
     times: npt.NDArray[np.float64] | None = None
     """[M], seconds of each column's frame from the clip's first; None where a file does not say."""
+    refined: npt.NDArray[np.bool_] | None = None
+    """[N, M], True where the place was found in the clip's own pixels (`Tracker.refine`) and is not the model's answer;
+    None where nothing was sought."""
 
     def save(self, path: str | Path) -> None:
         """Writes `path`, whole or not at all; its suffix chooses the form.
 
         npz: `queries` float32 [N, 3] (t, x, y), `tracks` float32 [N, M, 2] (x, y), `occluded` bool [N, M],
         `occlusion` float32 [N, M], `frames` int64 [M]; where they are known, `height` and `width` int64, and `times`
-        float64 [M], seconds.
+        float64 [M], seconds; of refined tracks, `refined` bool [N, M].
         csv: a line for each point and frame, header `point,frame,x,y,occlusion,occluded,query_t,query_x,query_y`,
         occluded as 0 or 1, four decimals; where the times are known, `time` is the last column, in seconds.
         """
@@ -79,6 +82,7 @@ class Tracks:
             "queries": (points, 3),
             "frames": (length,),
             **({"times": (length,)} if "times" in arrays else {}),
+            **({"refined": each} if "refined" in arrays else {}),
         }
         for key, shape in shapes.items():
             if arrays[key].shape != shape or arrays[key].dtype.kind not in "biuf":
@@ -102,6 +106,7 @@ class Tracks:
             arrays["frames"].astype(np.int64),
             (int(told[0]), int(told[1])) if told else None,
             arrays["times"].astype(np.float64) if "times" in arrays else None,
+            arrays["refined"].astype(bool) if "refined" in arrays else None,
         )
 
     def _write_npz(self, path: Path) -> None:
@@ -112,6 +117,7 @@ class Tracks:
             "occlusion": self.occlusion,
             "frames": self.frames,
             **({} if self.times is None else {"times": self.times}),
+            **({} if self.refined is None else {"refined": self.refined}),
         }
         if self.size is not None:
             arrays |= {"height": np.int64(self.size[0]), "width": np.int64(self.size[1])}

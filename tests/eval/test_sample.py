@@ -13,7 +13,7 @@ from decomo_eval.sample import Sample, SampleError, generate, write
 from decomo_eval.sample.cli import main
 from decomo_eval.sample.render import photograph, render_frame, render_layers
 from decomo_eval.sample.scene import BACKGROUND, Scene, draw_bodies, draw_scene, is_eventful
-from decomo_eval.sample.texture import Texture
+from decomo_eval.sample.texture import Texture, draw_grain
 from decomo_eval.sample.truth import follow_points
 from decomotion.clip import read_clip
 
@@ -250,3 +250,22 @@ def test_rows_are_those_of_the_whole_frame(scene: Scene) -> None:
     )
     np.testing.assert_allclose(lower, light[rows.start : rows.stop], atol=0.5)  # of 255; noise of two, averaged
     assert lower.max() - lower.min() > 1
+
+
+def test_grain_goes_on_where_the_texture_ends() -> None:
+    grain = draw_grain(np.random.default_rng(0), pixel=0.001, octaves=2)
+    places = np.random.default_rng(1).uniform(-2, 2, (200, 1, 2))
+    light = grain.at(places)
+    np.testing.assert_allclose(grain.at(places + np.array([grain.extent, -2 * grain.extent])), light, atol=0.02)
+    assert np.log(light).std() == pytest.approx(0.07 * 2**0.5, rel=0.2)
+    line = np.stack([np.arange(768) * 0.001, np.zeros(768)], axis=-1)[None]
+    strength = np.abs(np.fft.rfft(np.log(grain.at(line)[0])))
+    assert strength[64:256].sum() > 20 * strength[257:].sum()  # three pixels a cycle and more
+
+
+def test_large_frames_keep_the_textures_of_smaller_ones() -> None:
+    small, large = (draw_scene(np.random.default_rng(3), size) for size in (1024, 1100))
+    for one, other in zip(small.layers, large.layers, strict=True):
+        assert one.texture.grain is None
+        assert other.texture.grain is not None
+        np.testing.assert_array_equal(one.texture.image, other.texture.image)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -66,6 +67,38 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
         assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
         assert stream.average_rate == 24
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
+
+
+@pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
+def test_refined_on_the_clip(
+    model_path: Path,
+    clip_path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    overlay: list[str],
+):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--grid", "9@2", "--out", "tracks.npz", *overlay, "--refine", "--clip", str(clip_path)]
+    assert main([str(model_path), *arguments]) == 0
+    tracks = Tracks.load("tracks.npz")
+    assert tracks.refined is not None
+    assert tracks.refined[:, 2].all()  # the queries themselves
+    assert not tracks.refined[:, [0, 1, 3, 4, 5]].any()  # each frame is noise of its own
+    summary, *paths = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"30 points of slide in 6 frames, \d+% occluded, 17% refined, .* s", summary)
+    assert len(paths) == 1 + len(overlay) // 2
+
+
+def test_refined_on_another_clip(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    other = tmp_path / "other"
+    other.mkdir()
+    for name in ("0.png", "1.png"):
+        cv2.imwrite(str(other / name), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    arguments = ["--point", "0,1,2", "--out", tmp_path / "a.npz", "--refine", "--clip", other]
+    assert "has 2 frames of 48x40 but the model was fitted to slide" in refusal(
+        capsys, tmp_path, model_path, *arguments
+    )
 
 
 def test_the_overlay_of_a_variable_rate_lasts_as_long_as_the_clip(write_model: Callable[..., Path], tmp_path: Path):
@@ -136,8 +169,10 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
         (["--grid", "8@9"], "t must be within 0 .. 5"),
         (["--queries", "no.csv"], "no.csv cannot be read"),
         (["--point", "0,1,2", "--frames", "5:9"], "--frames 5:9 must select frames within 0:6"),
-        (["--point", "0,1,2", "--overlay", "a.mp4"], "--overlay and --clip go together"),
-        (["--point", "0,1,2", "--clip", "slide"], "--overlay and --clip go together"),
+        (["--point", "0,1,2", "--overlay", "a.mp4"], "--clip goes with --overlay or --refine"),
+        (["--point", "0,1,2", "--refine"], "--clip goes with --overlay or --refine"),
+        (["--point", "0,1,2", "--clip", "slide"], "--clip goes with --overlay or --refine"),
+        (["--point", "0,1,2", "--refine", "--clip", "no"], "no does not exist"),
         (["--point", "0,1,2", "--overlay", "a.avi", "--clip", "slide"], "--overlay a.avi must end in .mp4"),
         (["--point", "0,1,2", "--overlay", "a.mp4", "--clip", "no"], "no does not exist"),
         (["--point", "0,1,2", "--mark", "cross"], "--mark and --trails say how an --overlay is drawn"),

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
@@ -39,6 +40,18 @@ def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int], timed: bool):
         assert getattr(again, field).dtype == getattr(tracks, field).dtype
     assert again.size == (90, 160)
     assert again.times is None if tracks.times is None else np.array_equal(again.times, tracks.times)
+
+
+def test_npz_of_refined_tracks(tmp_path: Path):
+    refined = np.random.default_rng(0).random((3, 4)) < 0.5
+    replace(some_tracks(), refined=refined).save(tmp_path / "a.npz")
+    again = Tracks.load(tmp_path / "a.npz").refined
+    assert again is not None
+    assert again.dtype == bool
+    np.testing.assert_array_equal(again, refined)
+    replace(some_tracks(), refined=refined[:2]).save(tmp_path / "wrong.npz")
+    with pytest.raises(TracksFileError, match=r"refined must be numbers of the shape \[3, 4\], got bool of \[2, 4\]"):
+        Tracks.load(tmp_path / "wrong.npz")
 
 
 def test_the_size_is_optional_but_not_half_of_it(tmp_path: Path):

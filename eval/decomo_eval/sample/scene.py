@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from decomo_eval.sample.motion import Motion, Swing, Undulation, Warp
 from decomo_eval.sample.outline import Outline
-from decomo_eval.sample.texture import Image, Texture, draw_ground, draw_skin
+from decomo_eval.sample.texture import Image, Texture, draw_grain, draw_ground, draw_skin
 
 BACKGROUND = 0
 GROUND_EXTENT = 1.0
@@ -22,6 +22,8 @@ SHADE = 0.45
 """How much darker an object is at its outline than in its middle."""
 REFERENCE_SIZE = 256
 """Textures are drawn finely enough for this frame size at least."""
+FINEST_SIZE = 1024
+"""Textures are drawn finely enough for this frame size at most; what larger frames show beyond is grain."""
 PROBE_TIMES = np.linspace(0, 1, 13)
 
 
@@ -70,19 +72,23 @@ def draw_scene(rng: np.random.Generator, size: int) -> Scene:
     """A random scene; `size` of the frames decides how fine its textures are, not its geometry."""
     bodies_rng, *texture_rngs = rng.spawn(6)
     bodies = draw_bodies(bodies_rng)
-    detail = max(size, REFERENCE_SIZE)
+    detail = min(max(size, REFERENCE_SIZE), FINEST_SIZE)
     hue = bodies_rng.random()
     layers = []
     for index, (body, texture_rng) in enumerate(zip([_draw_camera(bodies_rng), *bodies], texture_rngs, strict=False)):
         if index == BACKGROUND:
             # two texels to a pixel, and noise down to three pixels a cycle: about as fine as the frame can show
             width = 2 * GROUND_EXTENT * detail
-            layers.append(Layer(body, draw_ground(texture_rng, round(2 * width), GROUND_EXTENT, width / 3, hue)))
+            texture = draw_ground(texture_rng, round(2 * width), GROUND_EXTENT, width / 3, hue)
         else:
             width = 2 * SKIN_EXTENT * math.exp(body.motion.log_scale.mean) * detail
             object_hue = hue + 0.25 + 0.618 * index
             skin = draw_skin(texture_rng, round(2 * width), SKIN_EXTENT, width / 3, object_hue)
-            layers.append(Layer(body, _shaded(skin, body)))
+            texture = _shaded(skin, body)
+        if size > detail:
+            pixel = math.exp(-body.motion.log_scale.mean) / size
+            texture = replace(texture, grain=draw_grain(texture_rng, pixel, math.log2(size / detail)))
+        layers.append(Layer(body, texture))
     return Scene(tuple(layers))
 
 

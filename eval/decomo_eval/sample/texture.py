@@ -17,6 +17,26 @@ Image = npt.NDArray[np.float32]
 
 SUBPIXEL_BITS = 4
 """OpenCV's drawing functions take fixed-point coordinates."""
+GRAIN = 1024
+"""Texels of a grain's side."""
+GRAIN_CONTRAST = 0.07
+"""Of one octave of light: about the share that it has in `roughen`."""
+
+
+@dataclass(frozen=True)
+class Grain:
+    """Light on a layer that is finer than its colours' raster: a square that repeats."""
+
+    light: Image
+    """[R, R], factor of the colours."""
+    extent: float
+    """Material coordinates from one repetition to the next."""
+
+    def at(self, uv: npt.NDArray[np.float64]) -> Image:
+        """Factors [H, W] at material [H, W, 2]."""
+        texel = (uv * (len(self.light) / self.extent)).astype(np.float32)
+        light = cv2.remap(self.light, texel[..., 0], texel[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        return light.astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True)
@@ -26,13 +46,15 @@ class Texture:
     image: Image
     """[R, R, 3], RGB in 0..1; row along v, column along u."""
     extent: float
+    grain: Grain | None = None
 
     def at(self, uv: npt.NDArray[np.float64]) -> Image:
         """Colours [H, W, 3] at material [H, W, 2], bilinear; beyond the square the texture is mirrored."""
         texel = ((uv / self.extent + 1) * (len(self.image) / 2) - 0.5).astype(np.float32)
         columns, rows = texel[..., 0], texel[..., 1]
         colours = cv2.remap(self.image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-        return colours.astype(np.float32, copy=False)
+        colours = colours.astype(np.float32, copy=False)
+        return colours if self.grain is None else colours * self.grain.at(uv)[..., None]
 
 
 def natural_noise(rng: np.random.Generator, resolution: int, coarsest: float, finest: float, falloff: float) -> Image:
@@ -107,6 +129,15 @@ def roughen(rng: np.random.Generator, colours: Image, finest: float, contrast: f
     light = natural_noise(rng, resolution, 3, finest, 1.05)[..., None]
     tint = np.stack([natural_noise(rng, resolution, 2, finest / 4, 1.0) for _ in range(3)], axis=-1)
     return np.clip(colours * np.exp(contrast * light + 0.06 * tint), 0.02, 0.98).astype(np.float32)
+
+
+def draw_grain(rng: np.random.Generator, pixel: float, octaves: float) -> Grain:
+    """The finest `octaves` of a texture that is seen at `pixel` material units to a pixel, down to three pixels a
+    cycle; as strong in each as `roughen` makes the others.
+    """
+    finest = GRAIN / 4
+    noise = natural_noise(rng, GRAIN, finest * 2**-octaves, finest, 1.0)
+    return Grain(np.exp(GRAIN_CONTRAST * octaves**0.5 * noise), 3 * finest * pixel)
 
 
 def draw_ground(rng: np.random.Generator, resolution: int, extent: float, finest: float, hue: float) -> Texture:
