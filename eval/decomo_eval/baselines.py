@@ -13,7 +13,6 @@ trainer's and are imported when a baseline is made: the rest of the toolkit does
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -159,7 +158,7 @@ def intervals(data: DataConfig, num_frames: int) -> tuple[int, ...]:
     """The gaps of the fit's supervision where time does not matter."""
     from decomotion.data.links.intervals import choose_intervals
 
-    return choose_intervals(data.flow, num_frames, data.pool.max_gap, seconds_per_field=1.0, budget=math.inf)
+    return choose_intervals(data.flow, num_frames, data.pool.max_gap, lambda _: True)
 
 
 METHODS: dict[str, Callable[[npt.NDArray[np.float32], Fields, DataConfig], Tracked]] = {
