@@ -82,19 +82,21 @@ def table(out: Path) -> str:
     files = sorted(out.glob("*.json"))
     records = [(*file.stem.rsplit(".", 1), json.loads(file.read_text(encoding="utf-8"))) for file in files]
     rows = [(clip, code, record) for clip, code, record in records if "links" in record]
-    lines = [f"| clip | code | frames | {' | '.join(PARTS)} | MiB: memory, disk |", f"|{'---|' * (4 + len(PARTS))}"]
+    lines = [f"| clip | code | frames | {' | '.join(PARTS)} | MiB of memory |", f"|{'---|' * (4 + len(PARTS))}"]
     for clip, code, record in records:
         seconds = " | ".join(f"{record['cpu_seconds'].get(part, 0):.1f}" for part in PARTS)
-        mib = f"{record['memory_mib']['peak']:.0f}, {record['disk_peak_mib']:.0f}"
-        lines.append(f"| {clip} | {code} | {record['frames']} | {seconds} | {mib} |")
+        memory = f"{record['memory_mib']['peak']:.0f}"
+        lines.append(f"| {clip} | {code} | {record['frames']} | {seconds} | {memory} |")
     lines += ["", f"| clip | code | {' | '.join(FIGURES)} | masks |", f"|{'---|' * (3 + len(FIGURES))}"]
     for clip, code, record in rows:
         figures = " | ".join(f"{record['links'][figure]:.3f}" for figure in FIGURES)
         lines.append(f"| {clip} | {code} | {figures} | {record['masks']:.3f} |")
-    for code in sorted({code for _, code, _ in rows}):
-        group = [record for _, other, record in rows if other == code]
+    for frames, code in sorted({(record["frames"], code) for _, code, record in rows}):
+        group = [record for _, other, record in rows if (record["frames"], other) == (frames, code)]
         figures = " | ".join(f"{fmean(record['links'][figure] for record in group):.3f}" for figure in FIGURES)
-        lines.append(f"| **mean** | {code} | {figures} | {fmean(record['masks'] for record in group):.3f} |")
+        lines.append(
+            f"| **mean of {frames} frames** | {code} | {figures} | {fmean(record['masks'] for record in group):.3f} |"
+        )
     return "\n".join(lines)
 
 

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from decomotion.data.flow import FlowEstimator
     from decomotion.data.links.linking import Flow
 
+FINE = tuple(
+    f"data.flow.{each}" for each in ("descent_iterations=25", "refinement_iterations=10", f"coarse_from={2**31 - 1}")
+)
+"""A baseline has all the time for DIS that it can use: the fit's supervision takes less of it."""
 CHAIN_CYCLE, DIRECT_CYCLE = 1.0, 1.5
 KEPT_BYTES = 2**30
 """Of a video's fields that are kept: `direct` needs one for every pair of frames."""
@@ -70,7 +74,7 @@ class FlowBaseline:
                 "'decomotion[train]'"
             ) from error
 
-        chosen = () if weights is None else (f"data.flow.weights={weights}",)
+        chosen = FINE if flow == FLOWS[0] else () if weights is None else (f"data.flow.weights={weights}",)
         self.name = f"{method}-{flow}"
         self._method = method
         self._data = load("cpu", overrides=chosen, flow=flow).data
