@@ -216,6 +216,15 @@ def test_what_is_farther_than_a_model_errs_is_something_else(video: npt.NDArray[
     assert found > share if share else found == 0
 
 
+def test_fine_texture_is_found_from_afar():
+    fine = photographed(MOTION, texture(1, 0.2))
+    tracker = ErringTracker(MOTION, offset=1.5 * WIDTH / 256)
+    tracks = tracker.track(drawn(40, 18, 0), [1])
+    after = refine(tracker, tracks, fine)
+    assert after.refined is not None
+    assert after.refined[~tracks.occluded].mean() > 0.85
+
+
 def test_another_picture_stays_as_it_is(video: npt.NDArray[np.uint8]):
     other = video.copy()
     other[4] = photographed(MOTION, texture(20))[4][::-1]
