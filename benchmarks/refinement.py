@@ -26,7 +26,8 @@ import numpy.typing as npt
 from decomo_eval.dataset import read_dataset
 from decomo_eval.metrics import THRESHOLDS
 from decomo_runtime.refinement import AnyTracker, refine
-from decomotion.frame_files import frame_files
+from decomotion.frame_files import frame_files, open_frames
+from decomotion.frames import Frames
 from harness.models import model_files
 from harness.records import Record, provenance, write_record
 from harness.reduced import ReducedTracker
@@ -39,19 +40,6 @@ RASTER = 256
 """Pixels, of TAP-Vid's frames."""
 STRIDE = 5
 """Frames between queries of a point, as TAP-Vid's mode `strided` has them."""
-
-
-class Files:
-    """Frames of a folder, read when asked for."""
-
-    def __init__(self, folder: Path, number: int) -> None:
-        self._files = frame_files(folder)[:number]
-        self.shape = (number, *self[0].shape)
-
-    def __getitem__(self, index: int, /) -> npt.NDArray[np.uint8]:
-        picture = cv2.imread(str(self._files[index]))
-        assert picture is not None
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 @click.group()
@@ -93,7 +81,7 @@ def procedural(
     queries = np.stack([t, rng.uniform(0, width - 1, points), rng.uniform(0, height - 1, points)], axis=1)
     truth, occluded = scenery.follow(queries)
     tracker = ReducedTracker(model, width, height)
-    record, _ = _compared(tracker, queries, np.arange(frames), Files(clip, frames), truth, occluded)
+    record, _ = _compared(tracker, queries, np.arange(frames), open_frames(frame_files(clip)[:frames]), truth, occluded)
     facts = {"clip": scenery.name, "fitted_to": fitted.name, "steps": steps, "points": points, "model": _hash(model)}
     write_record(out / f"{scenery.name}.json", facts | record | provenance())
     click.echo(f"{scenery.name}: {_told(record)}")
@@ -113,7 +101,7 @@ def davis(shared: Path, models: tuple[Path, ...], dataset: Path, out: Path) -> N
         name = path.stem
         folder = shared / "data/davis480p/frames" / name
         number = ReducedTracker(path, 1, 1).facts.num_frames
-        files = Files(folder, number)
+        files = open_frames(frame_files(folder)[:number])
         size = np.array([files.shape[2], files.shape[1]])
         true, hidden = videos[name].points[:, :number], videos[name].occluded[:, :number]
         row, frame = np.nonzero(~hidden & (np.arange(number) % STRIDE == 0))
@@ -160,7 +148,7 @@ def _compared(
     tracker: AnyTracker,
     queries: npt.NDArray[np.float64],
     frames: npt.NDArray[np.int64],
-    clip: Files,
+    clip: Frames,
     truth: npt.NDArray[np.float64],
     occluded: npt.NDArray[np.bool_],
 ) -> tuple[Record, tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]:

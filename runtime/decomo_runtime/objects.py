@@ -60,7 +60,7 @@ HELD = 256
 """Frames of which what was made is held: more than a frame looks at, so that each is rendered and compared once."""
 
 
-class Frames(Protocol):
+class FramesByNumber(Protocol):
     """A clip's frames by number, each uint8 [H, W, 3] RGB: an array, or decoded when asked for."""
 
     def __len__(self) -> int: ...
@@ -77,7 +77,7 @@ class Objects:
         motion: of the static scene.
     """
 
-    def __init__(self, tracker: Tracker, frames: Frames, motion: SceneMotion) -> None:
+    def __init__(self, tracker: Tracker, frames: FramesByNumber, motion: SceneMotion) -> None:
         self._tracker, self._frames, self._motion = tracker, frames, motion
         longer = max(tracker.height, tracker.width)
         self._full = tracker.height, tracker.width

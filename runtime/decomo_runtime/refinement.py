@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -39,6 +39,7 @@ from decomo_runtime.registration import (
     register,
 )
 from decomo_runtime.tracks import Tracks
+from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 Floats = npt.NDArray[np.float32]
@@ -59,17 +60,6 @@ CHUNK = 4096
 """Points at once; the clip is read once for each chunk, and once more for frames before a query's."""
 BLOCK = 8
 """Frames that are read in their order to be used in the opposite one."""
-
-
-class AnyFrames(Protocol):
-    """Frames of a whole clip, an array or read when asked for."""
-
-    @property
-    def shape(self) -> tuple[Any, ...]:
-        """T, H, W, 3"""
-        ...
-
-    def __getitem__(self, index: int, /) -> npt.NDArray[np.uint8]: ...
 
 
 class AnyTracker(Protocol):

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.objects import HELD, Frames, Objects
+from decomo_runtime.objects import HELD, FramesByNumber, Objects
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
@@ -40,7 +40,7 @@ HELD_BYTES = 512 * 1024**2
 """Of frames that are held, decoded, for the next ones that look at them; no more than `HELD` frames."""
 
 
-def remove_objects(tracker: Tracker, frames: Frames, wanted: Iterable[int]) -> Iterator[Image]:
+def remove_objects(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[int]) -> Iterator[Image]:
     """Yields the `wanted` frames without their objects, uint8 [H, W, 3] RGB; `frames` [T] of such is the whole clip.
 
     Fastest where they are wanted in order: what is made of a frame is held for those around it. Raises `RenderError`
@@ -57,7 +57,7 @@ def remove_objects(tracker: Tracker, frames: Frames, wanted: Iterable[int]) -> I
 
 
 def _without_objects(
-    frames: Frames, frame: int, motion: SceneMotion, objects: Objects, last: tuple[int, Image] | None
+    frames: FramesByNumber, frame: int, motion: SceneMotion, objects: Objects, last: tuple[int, Image] | None
 ) -> Image:
     """One frame; `last` is the one made before, with its number."""
     made, share = frames[frame].copy(), objects.share(frame)
@@ -80,7 +80,7 @@ def _without_objects(
     return made
 
 
-def propagate(frames: Frames, frame: int, region: Raster, motion: SceneMotion, objects: Objects) -> Floats:
+def propagate(frames: FramesByNumber, frame: int, region: Raster, motion: SceneMotion, objects: Objects) -> Floats:
     """[h, w, 3], 0 to 255: what other frames show of the scene behind the objects of `frame`, in a `region` of it.
 
     nan where no frame shows it, and where no object is.
@@ -119,7 +119,7 @@ def _others(frame: int, num_frames: int) -> list[int]:
 class _Held:
     """The frames of a clip, of which those last asked for are held."""
 
-    def __init__(self, frames: Frames) -> None:
+    def __init__(self, frames: FramesByNumber) -> None:
         self._frames = frames
         count = max(2, min(HELD, HELD_BYTES // frames[0].nbytes))
         self._held = lru_cache(count)(lambda frame: frames[frame])

@@ -27,7 +27,7 @@ from decomotion.quality import Quality
 from decomotion.times import steady_times
 
 if TYPE_CHECKING:
-    from decomo_runtime.refinement import AnyFrames
+    from decomotion.frames import AnyFrames
 
 
 @dataclass(frozen=True, eq=False)

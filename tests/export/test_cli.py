@@ -43,7 +43,7 @@ def test_it_says_what_is_thinned_and_that_a_stopped_fit_was_not_measured(
     content = torch.load(networks.run / checkpoint.FILE_NAME, weights_only=True)
     torch.save(content | {"thinned": line}, tmp_path / checkpoint.FILE_NAME)
     proto = networks.proto()
-    monkeypatch.setattr(exporter, "_trace", lambda graph: proto)
+    monkeypatch.setattr(exporter, "trace", lambda graph: proto)
     monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
     assert main([str(tmp_path / "model.onnx"), "--run", str(tmp_path), "--bake", "none"]) == 0
     thinned, stopped = capsys.readouterr().out.splitlines()[1:]
