@@ -30,7 +30,7 @@ def cli() -> None:
     "--models",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of <video>.onnx, one fitted model a video.",
+    help="Folder of <video>.onnx, one fitted model a video, or folders <video> of windows.",
 )
 @click.option(
     "--predictions",

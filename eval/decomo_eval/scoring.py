@@ -22,10 +22,13 @@ from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
 from decomotion.arrays import npz_keys, read_npz
+from decomotion.windows import FILE_NAME as WINDOWS
 
 logger = logging.getLogger(__name__)
 
 Tracker = Callable[[Video, Queries], Prediction]
+
+MODEL = ".onnx"
 
 Metrics = Mapping[str, float]
 
@@ -104,7 +107,7 @@ def evaluate(
 
     Args:
         dataset: TAP-Vid pickle, or a folder (`dataset.read_dataset`).
-        models: folder of `<video>.onnx`, asked through `decomo_runtime`; or
+        models: folder of `<video>.onnx`, or of folders `<video>` of windows, asked through `decomo_runtime`; or
         predictions: folder of `<video>.npz` from any tracker (`predictions.py`, `layouts.py`); or
         tracker: called as `tracker(video, queries)`, for instance `baselines.FlowBaseline("chain")`.
         resolution: of the videos that `tracker` is given (`dataset.read_dataset`); files say for themselves.
@@ -167,24 +170,29 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Folder:
-    """Answers out of one file a video."""
+    """Answers out of one file a video; where there is none, out of the folder `<video>` of a clip of several windows."""
 
     path: Path
     suffix: str
     read: Callable[[Path, Video, Queries], Prediction]
 
     def __call__(self, video: Video, queries: Queries) -> Prediction:
-        return self.read(self.path / f"{video.name}{self.suffix}", video, queries)
+        return self.read(self._source(video.name), video, queries)
 
     def missing(self, names: Sequence[str], *, all_needed: bool) -> tuple[str, ...]:
         """The videos without a file; `PredictionError` where that is all of them, or any and `all_needed`."""
-        absent = tuple(name for name in names if not (self.path / f"{name}{self.suffix}").is_file())
+        absent = tuple(name for name in names if not self._source(name).exists())
         if absent and (all_needed or len(absent) == len(names)):
             raise PredictionError(
                 f"{self.path} has no {', '.join(f'{name}{self.suffix}' for name in absent)}; it must hold "
                 f"<video>{self.suffix} for the videos to score"
             )
         return absent
+
+    def _source(self, name: str) -> Path:
+        file = self.path / f"{name}{self.suffix}"
+        windows = file.with_suffix("") / WINDOWS if self.suffix == MODEL else file
+        return windows.parent if not file.is_file() and windows.is_file() else file
 
 
 @dataclass(frozen=True)
@@ -210,7 +218,7 @@ def _source(
             "give either models, a folder of <video>.onnx, or predictions, a folder of <video>.npz, or a baseline"
         )
     if models is not None:
-        return str(models), _Folder(Path(models), ".onnx", from_model)
+        return str(models), _Folder(Path(models), MODEL, from_model)
     if predictions is not None:
         return str(predictions), _Folder(Path(predictions), ".npz", from_npz)
     assert tracker is not None

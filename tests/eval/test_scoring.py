@@ -22,6 +22,7 @@ from decomo_eval.measure import IN_PIXELS, score, score_tracks
 from decomo_eval.predictions import Prediction
 from decomo_eval.scoring import Scored
 from decomo_eval.tapvid import sample_queries
+from decomotion.windows import FILE_NAME, Window, Windows
 
 WritePredictions = Callable[..., Path]
 
@@ -285,6 +286,11 @@ def test_a_model_is_asked_and_scored(dataset: Path, dataset_content: dict[str, A
         write_tiny_model(tmp_path / f"{name}.onnx", num_frames=11, width=854, height=480, clip_name=name)
     dataset.write_bytes(pickle.dumps(dataset_content))
     # Queries in frame 0, from which the model counts its occlusion.
+    assert_perfect(evaluate(dataset, models=tmp_path, query_mode="first").mean)
+    for name in dataset_content:  # as a folder of one window
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.onnx").rename(tmp_path / name / "window-000.onnx")
+        Windows(name, 11, 480, 854, 12.5, (Window("window-000", 0, 11),)).save(tmp_path / name / FILE_NAME)
     assert_perfect(evaluate(dataset, models=tmp_path, query_mode="first").mean)
 
 
