@@ -170,7 +170,7 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Folder:
-    """Answers out of one file a video; where there is none, out of the folder `<video>` of a clip of several windows."""
+    """Answers out of one file a video, or out of the folder `<video>` of a clip of several windows."""
 
     path: Path
     suffix: str
