@@ -26,23 +26,10 @@ DEFAULT_BUDGET = "10m"
 """Of each window."""
 MINUTES = ("cpu", "omnimotion")
 """Presets that have a default budget in minutes, not in steps."""
-MAY_RESUME_WITH = (
-    "out",
-    "time_budget",
-    "steps",
-    "shots",
-    "window",
-    "resume",
-    "device",
-    "engine",
-    "address",
-    "jobs",
-    "cpus_per_task",
-    "gpus_per_task",
-)
+OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", *ENGINE_OPTIONS)
+"""Options that are not those of a window."""
+MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 """Options that `--resume` heeds."""
-OF_THE_WHOLE = (*MAY_RESUME_WITH[:-6], *MAY_RESUME_WITH[-5:])
-"""Options that are not those of a window, which `--device` is."""
 FILES = ("file", "flow_weights", "feature_weights")
 """Options that name files, which machines of a cluster find by their full names."""
 
@@ -99,57 +86,37 @@ def command(
     from decomotion.long_clip import check_no_files, fit_windows, lay_out, read_windows
     from decomotion.windows import FILE_NAME
 
-    config = None
-    decided = _given(context, MAY_RESUME_WITH)
-    each = _forwarded(context)
-    if resume and (folder / FILE_NAME).is_file():
+    decided, forwarded = _given(context, MAY_RESUME_WITH), _forwarded(context)
+    how = {"steps": steps, "resume": resume, "rebuild_cache": rebuild_cache, "seed": seed, "device": device}
+    goes_on = resume and (folder / FILE_NAME).is_file()
+    if resume and not goes_on:
+        if decided and not _are_the_runs(folder, supervision.config(), seed, rebuild_cache):
+            raise ConfigError(_resume_refused(decided))
+        _fit_one(frames, folder, time_budget=time_budget, **how)
+        return
+    each = None  # seconds of a window, where neither a time nor steps are given
+    if goes_on:
         layout, _, begun_with = read_windows(folder)
-        if each and each != begun_with:
+        if forwarded and forwarded != begun_with:
             raise ConfigError(_resume_refused(decided))
-        each = begun_with
+        forwarded = begun_with
     else:
-        if not resume or decided:
-            config = supervision.config()
-        if resume and config is not None and not _are_the_runs(folder, config, seed, rebuild_cache):
-            raise ConfigError(_resume_refused(decided))
-        layout = lay_out(frames, window, "ignore" if resume and shots == "stop" else shots)
-        if resume or len(layout.windows) == 1:
-            by_default = config is not None and not resume and config.preset in MINUTES
-            if by_default and time_budget is None and steps is None:
-                time_budget = Duration().convert(DEFAULT_BUDGET, None, None)
-            if not resume:
-                _announce(layout, steps, time_budget, 1)
-            _fit_one(
-                frames,
-                folder,
-                config=None if resume else config,
-                steps=steps,
-                time_budget=time_budget,
-                resume=resume,
-                rebuild_cache=rebuild_cache,
-                seed=seed,
-                device=device,
-            )
+        config, layout = supervision.config(), lay_out(frames, window, shots)
+        if config.preset in MINUTES and time_budget is None and steps is None:
+            each = Duration().convert(DEFAULT_BUDGET, None, None)
+        if len(layout.windows) == 1:
+            seconds = time_budget or each
+            _announce(layout, steps, seconds, 1)
+            _fit_one(frames, folder, config=config, time_budget=seconds, **how)
             return
-        assert config is not None
         check_no_files(config.data)
 
-    engine, jobs = chosen_engine(**engine_choice), min(engine_choice["jobs"] or 1, len(layout.windows))
-    by_default = time_budget is None and steps is None and config is not None and config.preset in MINUTES
-    whole = Duration().convert(DEFAULT_BUDGET, None, None) * len(layout.windows) / jobs
-    _announce(layout, steps, whole if by_default else time_budget, jobs)
-    fit_windows(
-        clip,
-        frames,
-        layout,
-        folder,
-        each,
-        engine=engine,
-        jobs=jobs,
-        steps=steps,
-        time_budget=time_budget,
-        longer=resume and (steps is not None or time_budget is not None),
-    )
+    def announce(jobs: int) -> None:
+        _announce(layout, steps, time_budget if each is None else each * len(layout.windows) / jobs, jobs)
+
+    longer = resume and (steps is not None or time_budget is not None)
+    given = {"steps": steps, "time_budget": time_budget, "longer": longer}
+    fit_windows(clip, frames, layout, folder, forwarded, engine=chosen_engine(**engine_choice), told=announce, **given)
     click.echo(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
         f"windows: {folder}"

@@ -14,7 +14,7 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -144,7 +144,7 @@ def fit_windows(
     options: Sequence[str],
     *,
     engine: Engine,
-    jobs: int = 1,
+    told: Callable[[int], None],
     steps: int | None = None,
     time_budget: float | None = None,
     longer: bool = False,
@@ -158,7 +158,7 @@ def fit_windows(
         folder: of the runs.
         options: decomo-train's, for every window, budget not among them.
         engine: where windows are fitted.
-        jobs: windows at a time: they share the time.
+        told: hears, before the first is begun, how many are fitted at a time: they share the time.
         steps: of each window.
         time_budget: seconds of all windows, which share it by their length; None, without steps: each has the preset's.
         longer: go on with finished windows too.
@@ -170,17 +170,19 @@ def fit_windows(
     with alone(folder, "decomo-train", CheckpointError):
         _claim(folder, clip, layout, options)
         path, first = _whole(Path(source))
-        tasks = []
-        for window in layout.windows:
-            budget = ["--steps", str(steps)] if steps else []
-            if time_budget is not None:
-                share = len(window) / sum(map(len, layout.windows)) * min(jobs, len(layout.windows))
-                budget = ["--time-budget", f"{max(1.0, share * time_budget):.1f}s"]
-            part = f"{path}@{first + window.begin}:{first + window.end}"
-            given = (tuple(options), tuple(budget), jobs > 1)
-            tasks.append(WindowTask(window.name, part, folder / window.name, *given))
         failed = []
         with engine.start() as room:
+            jobs = min(room.jobs, len(layout.windows))
+            told(jobs)
+            tasks = []
+            for window in layout.windows:
+                budget = ["--steps", str(steps)] if steps else []
+                if time_budget is not None:
+                    share = len(window) / sum(map(len, layout.windows)) * jobs
+                    budget = ["--time-budget", f"{max(1.0, share * time_budget):.1f}s"]
+                part = f"{path}@{first + window.begin}:{first + window.end}"
+                given = (tuple(options), tuple(budget), jobs > 1)
+                tasks.append(WindowTask(window.name, part, folder / window.name, *given))
 
             def ready(task: WindowTask) -> Outcome | None:
                 if task.is_finished() and not longer:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import cached_property
 from pathlib import Path
 
 from decomotion.errors import ClipError
+from decomotion.files import digest_of
 
 
 class SourceFile:
@@ -41,8 +41,7 @@ class SourceFile:
     def digest(self) -> str:
         """SHA-256 of its bytes, in hexadecimal digits. Raises `ClipError` as `check`."""
         self.check()
-        with self.path.open("rb") as content:
-            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        digest = digest_of(self.path)
         self.check()
         return digest
 

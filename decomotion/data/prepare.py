@@ -38,6 +38,7 @@ from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
 from decomotion.errors import SupervisionError
+from decomotion.files import digest_of
 from decomotion.memory import give_back
 
 log = logging.getLogger(__name__)
@@ -345,10 +346,7 @@ def _thinned(links: Stage) -> bool:
 
 def file_digest(file: Path) -> str | None:
     """Hash of a file's content; None where there is none, which whoever reads it reports."""
-    if not file.is_file():
-        return None
-    with file.open("rb") as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
+    return digest_of(file) if file.is_file() else None
 
 
 def folder_digest(folder: Path) -> str | None:

@@ -157,8 +157,7 @@ class _Journey:
 
     def _on_object(self, rows: Rows) -> npt.NDArray[np.bool_]:
         """Whether a moving object owns points where their queries are."""
-        seen = self._models.sample(self._queries[rows], *self._memory)
-        return seen.static_confidence < 1 - self._models.facts.object_share
+        return self._models.sample(self._queries[rows], *self._memory).on_object(self._models.facts.object_share)
 
     def _onward(self, number: int, step: int) -> range:
         """The frames in which a point may leave for the next window; at a cut the last one; empty where none is wanted.

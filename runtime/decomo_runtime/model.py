@@ -34,6 +34,10 @@ class Appearance:
     static_opacity: npt.NDArray[np.float32]
     """[N], 0 where the static volume has a hole: it has never seen the scene there. 1 in files that do not say."""
 
+    def on_object(self, share: float) -> npt.NDArray[np.bool_]:
+        """[N]: whether a moving object has more than this share of the ray (`ModelFacts.object_share`)."""
+        return self.static_confidence < 1 - share
+
 
 class Model:
     """Opens the .onnx file at `path`, with what `Tracker` says; `ModelFileError` where it is no model."""

@@ -18,6 +18,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.sampling import sampled
+
 Floats = npt.NDArray[np.float32]
 Pyramid = Sequence[Floats]
 """Grey values [h, w] from 0 to 255, each level half as large as the one before."""
@@ -34,8 +36,6 @@ _LONGEST = 2.0
 """Of a step, in pixels of a level: beyond it the gradients tell nothing."""
 _BLUR = 0.7
 """Of the finest level, deviation in pixels: places between pixels are then interpolated well."""
-_ROWS = 2**14
-"""Points at once: cv2.remap takes no more rows than a short counts."""
 
 _LINE = np.arange(-RADIUS, RADIUS + 1, dtype=np.float32)
 OFFSETS = np.stack(np.meshgrid(_LINE, _LINE), axis=-1).reshape(-1, 2)
@@ -178,12 +178,7 @@ def _solved(design: Floats, weights: Floats, grey: Floats) -> Floats:
 
 def _sampled(image: Floats, xy: Floats, matrix: Floats, offsets: Floats) -> tuple[Floats, Floats]:
     """Grey values [n, p] at `xy` + `matrix` `offsets`, in pixels of `image`, and whether these lie in it."""
-    grey, inside = np.empty((2, len(xy), len(offsets)), np.float32)
     height, width = image.shape
-    for begin in range(0, len(xy), _ROWS):
-        rows = slice(begin, begin + _ROWS)
-        x, y = np.moveaxis(xy[rows, None] + offsets @ matrix[rows].swapaxes(1, 2), 2, 0)
-        x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
-        grey[rows] = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        inside[rows] = (x > -0.5) & (x < width - 0.5) & (y > -0.5) & (y < height - 0.5)
-    return grey, inside
+    places = xy[:, None] + offsets @ matrix.swapaxes(1, 2)
+    inside = ((places > -0.5) & (places < np.array([width, height]) - 0.5)).all(axis=-1)
+    return sampled(image, places), np.asarray(inside, np.float32)

@@ -89,4 +89,4 @@ class Returning:
         inside = ((xy[:, 0] >= -0.5) & (xy[:, 0] <= size - 0.5)).all(axis=1)
         kept = inside & (occlusion[:, 0] > facts.occlusion_threshold)
         queries, xy = queries[kept], xy[kept, 0]
-        return queries, xy, model.sample(queries).static_confidence < 1 - facts.object_share
+        return queries, xy, model.sample(queries).on_object(facts.object_share)

@@ -24,7 +24,6 @@ from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.tracks import Tracks
 from decomo_runtime.windows import WindowModels
 from decomotion.quality import Quality
-from decomotion.times import steady_times
 
 if TYPE_CHECKING:
     from decomotion.frames import AnyFrames
@@ -87,7 +86,7 @@ class Tracker:
     @property
     def times(self) -> npt.NDArray[np.float64]:
         """[T], seconds of each frame of the clip, from 0."""
-        return steady_times(self.num_frames, self.fps) if self.facts.times is None else np.array(self.facts.times)
+        return self._models.layout.times
 
     @property
     def pixel_aspect(self) -> float:
@@ -187,7 +186,7 @@ class Tracker:
         that meets nothing it has none. In files with a table (`bake`) `track` goes by the ray of the nearest place in
         the table. `QueryError` where a query is malformed.
         """
-        return self.sample(queries).static_confidence < 1 - self.facts.object_share
+        return self.sample(queries).on_object(self.facts.object_share)
 
     def __reduce__(self) -> tuple[object, ...]:
         return _reopen, self._opened_with
