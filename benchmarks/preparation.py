@@ -27,6 +27,7 @@ import numpy as np
 from decomotion.clip import read_clip
 from decomotion.files import replacing
 from decomotion.images import png
+from harness.markdown import head, line
 
 HERE = Path(__file__).resolve().parent
 CHILD = HERE / "harness" / "prepare_once.py"
@@ -82,22 +83,23 @@ def table(out: Path) -> str:
     files = sorted(out.glob("*.json"))
     records = [(*file.stem.rsplit(".", 1), json.loads(file.read_text(encoding="utf-8"))) for file in files]
     rows = [(clip, code, record) for clip, code, record in records if "links" in record]
-    lines = [f"| clip | code | frames | {' | '.join(PARTS)} | MiB of memory |", f"|{'---|' * (4 + len(PARTS))}"]
+    lines = [*head(["clip", "code", "frames", *PARTS, "MiB of memory"])]
     for clip, code, record in records:
-        seconds = " | ".join(f"{record['cpu_seconds'].get(part, 0):.1f}" for part in PARTS)
-        memory = f"{record['memory_mib']['peak']:.0f}"
-        lines.append(f"| {clip} | {code} | {record['frames']} | {seconds} | {memory} |")
-    lines += ["", f"| clip | code | {' | '.join(FIGURES)} | masks |", f"|{'---|' * (3 + len(FIGURES))}"]
+        seconds = [f"{record['cpu_seconds'].get(part, 0):.1f}" for part in PARTS]
+        lines.append(line([clip, code, str(record["frames"]), *seconds, f"{record['memory_mib']['peak']:.0f}"]))
+    lines += ["", *head(["clip", "code", *FIGURES, "masks"])]
     for clip, code, record in rows:
-        figures = " | ".join(f"{record['links'][figure]:.3f}" for figure in FIGURES)
-        lines.append(f"| {clip} | {code} | {figures} | {record['masks']:.3f} |")
+        lines.append(line([clip, code, *_figures([record])]))
     for frames, code in sorted({(record["frames"], code) for _, code, record in rows}):
         group = [record for _, other, record in rows if (record["frames"], other) == (frames, code)]
-        figures = " | ".join(f"{fmean(record['links'][figure] for record in group):.3f}" for figure in FIGURES)
-        lines.append(
-            f"| **mean of {frames} frames** | {code} | {figures} | {fmean(record['masks'] for record in group):.3f} |"
-        )
+        lines.append(line([f"**mean of {frames} frames**", code, *_figures(group)]))
     return "\n".join(lines)
+
+
+def _figures(records: list[dict[str, Any]]) -> list[str]:
+    """Means of what `FIGURES` names, and of the masks."""
+    links = [fmean(record["links"][figure] for record in records) for figure in FIGURES]
+    return [f"{value:.3f}" for value in (*links, fmean(record["masks"] for record in records))]
 
 
 @click.command(context_settings={"show_default": True})
