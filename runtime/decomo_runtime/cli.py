@@ -60,12 +60,12 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
+    from decomo_runtime.formats.registry import format_of
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracker import Tracker
-    from decomo_runtime.tracks import SUFFIXES
     from decomotion.clip import read_clip
     from decomotion.outputs import check_not_input, check_output
 
@@ -74,7 +74,8 @@ def track(
     if (overlay is not None or refine) != (clip_path is not None):
         raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
-    check_output("--out", out, SUFFIXES)
+    format_of(out)
+    check_output("--out", out)
     check_not_input("--out", out, model, queries_file, clip_path)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)

@@ -1,0 +1,123 @@
+"""All formats of tracks, a line for each; command, Python and documentation go by this table.
+
+A format is a module of this package with `write(tracks, path, about)`, which may take for granted that `path` is new,
+and, where `reads` says so, `read(path) -> (tracks, about)`. It is imported when the format is used; libraries that an
+extra installs are imported within those functions, and registry and command name the extra where one is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from decomo_runtime.errors import TracksFileError
+from decomotion.files import new_folder, replacing
+
+if TYPE_CHECKING:
+    from decomo_runtime.formats.about import About
+    from decomo_runtime.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class TracksFormat:
+    """One format of tracks."""
+
+    name: str
+    """For `--to`."""
+    module: str
+    """Of this package."""
+    endings: tuple[str, ...]
+    """That its files may have, in lower case; none of a folder."""
+    purpose: str
+    """What it is for, in a phrase: for help and documentation."""
+    by_ending: bool = True
+    """Whether such an ending alone may mean this format; else `--to` has to name it."""
+    reads: bool = False
+    extra: str | None = None
+    """Of `pip install 'decomotion[...]'`, where it needs a library that the runtime does not."""
+    folder: bool = False
+    """Whether it is a folder of files; `write` gets an empty one."""
+
+    def write(self, tracks: Tracks, path: Path, about: About) -> None:
+        """Writes `path`, whole or not at all. `TracksFileError` where the tracks do not go into this format."""
+        known = about.of(tracks)
+        with (new_folder if self.folder else replacing)(path) as temporary, self._extra_told():
+            self._module.write(tracks, temporary, known)
+
+    def read(self, path: Path) -> tuple[Tracks, About]:
+        """The tracks of a file, and what it says beside. `TracksFileError` where it is none of this format."""
+        with self._extra_told():
+            return self._module.read(path)
+
+    @property
+    def _module(self) -> Any:
+        return import_module(f"decomo_runtime.formats.{self.module}")
+
+    @contextmanager
+    def _extra_told(self) -> Iterator[None]:
+        try:
+            yield
+        except ModuleNotFoundError as error:
+            if self.extra is None:
+                raise
+            raise TracksFileError(
+                f"{self.name} needs {(error.name or '').split('.')[0]}, which is not installed; "
+                f"run: pip install 'decomotion[{self.extra}]'"
+            ) from error
+
+
+FORMATS = (
+    TracksFormat("npz", "npz", (".npz",), "arrays for numpy", reads=True),
+    TracksFormat("csv", "csv", (".csv",), "a table, a line for each point and frame", reads=True),
+)
+
+
+def format_of(path: Path, to: str | None = None) -> TracksFormat:
+    """The format that `path` is to be written in: the one named `to`, or the one that its ending means.
+
+    `TracksFileError` where there is none, there are several, or the two contradict each other.
+    """
+    suffix = path.suffix.lower()
+    if to is not None:
+        named = next((each for each in FORMATS if each.name == to), None)
+        if named is None:
+            raise TracksFileError(f"{to} is no format of tracks; there are {_names(FORMATS)}")
+        if suffix not in (named.endings or ("",)):
+            ending = " or ".join(named.endings)
+            raise TracksFileError(
+                f"{path}: {named.name} is written as {ending}; give a name with that ending"
+                if ending
+                else f"{path}: {named.name} is a folder; give a name without an ending"
+            )
+        return named
+    able = [each for each in FORMATS if suffix in each.endings]
+    meant = [each for each in able if each.by_ending] or able
+    if not meant:
+        endings = sorted({ending for each in FORMATS for ending in each.endings})
+        raise TracksFileError(
+            f"{path} does not end as a file of tracks does; give an ending of {', '.join(endings)}, "
+            f"or say --to (to= in Python), one of {_names(FORMATS)}"
+        )
+    if len(meant) > 1:
+        raise TracksFileError(
+            f"{path} may be several things by its ending; say which with --to (to= in Python): {_names(meant)}"
+        )
+    return meant[0]
+
+
+def read(path: Path) -> tuple[Tracks, About]:
+    """The tracks of a file of ours, and what it says beside; `TracksFileError` where it is none."""
+    readable = [each for each in FORMATS if each.reads]
+    for each in readable:
+        if path.suffix.lower() in each.endings:
+            return each.read(path)
+    endings = [ending for each in readable for ending in each.endings]
+    raise TracksFileError(f"{path} is not a file of tracks by its ending; give {' or '.join(endings)}")
+
+
+def _names(formats: tuple[TracksFormat, ...] | list[TracksFormat]) -> str:
+    return ", ".join(each.name for each in formats)
