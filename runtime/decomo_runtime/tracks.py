@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from decomo_runtime.formats.about import About
+from decomo_runtime.formats.about import About
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +41,7 @@ class Tracks:
         docs/formats.md has npz and csv, docs/convert.md all formats; `about` is what some want to know beside.
         `TracksFileError` where there is no such format, or it cannot hold these tracks.
         """
-        _formats("registry").format_of(Path(path), to).write(self, Path(path), about or _formats("about").About())
+        _registry().format_of(Path(path), to).write(self, Path(path), about or About())
 
     @classmethod
     def load(cls, path: str | Path) -> Tracks:
@@ -51,9 +50,9 @@ class Tracks:
         A csv has no line for a point without frames, four decimals, and nothing of the clip's size. `TracksFileError`
         where it is another file.
         """
-        return _formats("registry").read(Path(path))[0]
+        return _registry().read(Path(path))[0]
 
 
-def _formats(module: str) -> Any:
+def _registry() -> Any:
     """By its name: formats are made of `Tracks`."""
-    return import_module(f"decomo_runtime.formats.{module}")
+    return import_module("decomo_runtime.formats.registry")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
-from decomo_runtime.tracks import Tracks
 
 
 @dataclass(frozen=True)
@@ -63,15 +62,6 @@ class About:
         digits = max(2, len(str(count - 1)))
         return [f"point_{number:0{digits}}" for number in range(count)]
 
-    def of(self, tracks: Tracks) -> About:
-        """With what `tracks` say of the clip where this says nothing; `TracksFileError` where the sizes differ."""
-        if self.size is not None and tracks.size is not None and self.size != tracks.size:
-            raise TracksFileError(
-                f"the tracks are in frames of {tracks.size[1]}x{tracks.size[0]} but those of the clip are "
-                f"{self.size[1]}x{self.size[0]}; give the clip that they are of"
-            )
-        return replace(self, size=self.size or tracks.size, fps=self.fps or _rate(tracks))
-
     @property
     def _known_size(self) -> tuple[int, int]:
         if self.size is None:
@@ -79,12 +69,3 @@ class About:
                 "the tracks do not say the clip's size; give --size WIDTHxHEIGHT (size= in Python), or --clip"
             )
         return self.size
-
-
-def _rate(tracks: Tracks) -> float | None:
-    """Frames a second, by the times of the first and the last column; None where there are no two."""
-    if tracks.times is None or len(tracks.frames) < 2:
-        return None
-    frames = int(tracks.frames[-1] - tracks.frames[0])
-    seconds = float(tracks.times[-1] - tracks.times[0])
-    return frames / seconds if frames * seconds > 0 else None

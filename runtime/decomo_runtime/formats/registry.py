@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +44,7 @@ class TracksFormat:
 
     def write(self, tracks: Tracks, path: Path, about: About) -> None:
         """Writes `path`, whole or not at all. `TracksFileError` where the tracks do not go into this format."""
-        known = about.of(tracks)
+        known = _completed(about, tracks)
         with (new_folder if self.folder else replacing)(path) as temporary, self._extra_told():
             self._module.write(tracks, temporary, known)
 
@@ -117,6 +117,25 @@ def read(path: Path) -> tuple[Tracks, About]:
             return each.read(path)
     endings = [ending for each in readable for ending in each.endings]
     raise TracksFileError(f"{path} is not a file of tracks by its ending; give {' or '.join(endings)}")
+
+
+def _completed(about: About, tracks: Tracks) -> About:
+    """With what `tracks` say of the clip where `about` does not; `TracksFileError` where the sizes differ."""
+    if about.size is not None and tracks.size is not None and about.size != tracks.size:
+        raise TracksFileError(
+            f"the tracks are in frames of {tracks.size[1]}x{tracks.size[0]} but those of the clip are "
+            f"{about.width}x{about.height}; give the clip that they are of"
+        )
+    return replace(about, size=about.size or tracks.size, fps=about.fps or _rate(tracks))
+
+
+def _rate(tracks: Tracks) -> float | None:
+    """Frames a second, by the times of the first and the last column; None where there are no two."""
+    if tracks.times is None or len(tracks.frames) < 2:
+        return None
+    frames = int(tracks.frames[-1] - tracks.frames[0])
+    seconds = float(tracks.times[-1] - tracks.times[0])
+    return frames / seconds if frames * seconds > 0 else None
 
 
 def _names(formats: tuple[TracksFormat, ...] | list[TracksFormat]) -> str:
