@@ -33,9 +33,7 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
     show_default="all",
     help="Frames in which to look for the points: from A up to but without B.",
 )
-@click.option(
-    "--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks, such as .npz or .csv."
-)
+@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz, .csv, ….")
 @click.option("--to", metavar="NAME", show_default="by its ending", help="Format of --out; decomo-convert lists them.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
 @click.option("--refine", is_flag=True, help="Register what is in sight on the clip's own pixels; needs --clip.")

@@ -14,15 +14,10 @@ from decomotion.console import run
 _PATH = click.Path(path_type=Path)
 
 
-class _Command(click.Command):
-    """Whose help ends with the table of formats."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Formats"):
-            formatter.write_dl([(each.name, f"{each.kind}: {each.purpose}") for each in FORMATS])
+_FORMATS = "\n".join(["\b", "Formats:", *(f"  {each.name:22}{each.kind:8}{each.purpose}" for each in FORMATS)])
 
 
-@click.command(cls=_Command, context_settings={"show_default": True})
+@click.command(context_settings={"show_default": True}, epilog=_FORMATS)
 @click.argument("tracks", type=_PATH)
 @click.argument("out", type=_PATH)
 @click.option("--to", metavar="NAME", show_default="by the ending of OUT", help="The format, by its name below.")
