@@ -25,6 +25,8 @@ if TYPE_CHECKING:
         TracksFileError,
         ViewError,
     )
+    from decomo_runtime.formats.about import About
+    from decomo_runtime.formats.convert import convert
     from decomo_runtime.layers import render
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
+    "About",
     "Appearance",
     "Dense",
     "ModelFacts",
@@ -47,16 +50,19 @@ __all__ = [
     "Tracks",
     "TracksFileError",
     "ViewError",
+    "convert",
     "remove_objects",
     "render",
 ]
 
 _HOMES = {
+    "About": "formats.about",
     "Appearance": "model",
     "Dense": "tracker",
     "ModelFacts": "model_file",
     "Tracker": "tracker",
     "Tracks": "tracks",
+    "convert": "formats.convert",
     "remove_objects": "removal",
     "render": "layers",
 }

@@ -33,7 +33,8 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
     show_default="all",
     help="Frames in which to look for the points: from A up to but without B.",
 )
-@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz or .csv.")
+@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz, .csv, ….")
+@click.option("--to", metavar="NAME", show_default="by its ending", help="Format of --out; decomo-convert lists them.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
 @click.option("--refine", is_flag=True, help="Register what is in sight on the clip's own pixels; needs --clip.")
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
@@ -46,6 +47,7 @@ def track(
     on: str | None,
     frame_range: str | None,
     out: Path,
+    to: str | None,
     overlay: Path | None,
     refine: bool,
     clip_path: Path | None,
@@ -60,6 +62,7 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
+    from decomo_runtime.formats.about import About
     from decomo_runtime.formats.registry import format_of
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
@@ -67,15 +70,14 @@ def track(
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracker import Tracker
     from decomotion.clip import read_clip
-    from decomotion.outputs import check_not_input, check_output
+    from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     if bool(points) + (queries_file is not None) + (grid is not None) != 1:
         raise QueryError("give the points in exactly one way: --point, --queries or --grid")
     if (overlay is not None or refine) != (clip_path is not None):
         raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
-    format_of(out)
-    check_output("--out", out)
+    (check_new_folder if format_of(out, to).folder else check_output)("--out", out)
     check_not_input("--out", out, model, queries_file, clip_path)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
@@ -96,7 +98,7 @@ def track(
     if refine and clip is not None:
         tracks = tracker.refine(tracks, clip.frames)
     seconds = time.perf_counter() - start
-    tracks.save(out)
+    tracks.save(out, to, about=About.of(tracker.facts, clip_path))
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)

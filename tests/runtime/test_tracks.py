@@ -216,7 +216,7 @@ def test_a_csv_with_lines_missing(tmp_path: Path, order: list[int]):
         Tracks.load(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("name", ["a.txt", "a", "a.npz.gz"])
+@pytest.mark.parametrize("name", ["a.xyz", "a", "a.npz.gz"])
 def test_other_suffixes(tmp_path: Path, name: str):
     with pytest.raises(TracksFileError, match="does not end as a file of tracks does"):
         some_tracks().save(tmp_path / name)

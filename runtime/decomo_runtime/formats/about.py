@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
+from decomo_runtime.model_file import ModelFacts
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,18 @@ class About:
     """A name for each point; none: they are numbered (`names`)."""
     colours: tuple[str, ...] = ()
     """A colour for each point, as #rrggbb; none: the tool chooses."""
+
+    @classmethod
+    def of(cls, model: ModelFacts, clip: Path | None = None) -> About:
+        """Of tracks that a model answered; `clip` is where the frames are, if that is known."""
+        return cls(
+            size=(model.height, model.width),
+            fps=model.fps,
+            length=model.num_frames,
+            pixel_aspect=model.pixel_aspect,
+            name=model.clip_name,
+            clip=clip,
+        )
 
     @property
     def height(self) -> int:

@@ -42,6 +42,11 @@ class TracksFormat:
     folder: bool = False
     """Whether it is a folder of files; `write` gets an empty one."""
 
+    @property
+    def kind(self) -> str:
+        """Its endings, or that it is a folder, as people read it."""
+        return " or ".join(self.endings) or "folder"
+
     def write(self, tracks: Tracks, path: Path, about: About) -> None:
         """Writes `path`, whole or not at all. `TracksFileError` where the tracks do not go into this format."""
         known = _completed(about, tracks)
@@ -73,6 +78,15 @@ class TracksFormat:
 FORMATS = (
     TracksFormat("npz", "npz", (".npz",), "arrays for numpy", reads=True),
     TracksFormat("csv", "csv", (".csv",), "a table, a line for each point and frame", reads=True),
+    TracksFormat("json", "page", (".json",), "points of decomo-view's page", reads=True),
+    TracksFormat("nuke", "nuke", (".nk",), "Nuke, a Tracker4 node"),
+    TracksFormat("nuke-corner-pin", "nuke_corner_pin", (".nk",), "Nuke, a CornerPin2D of 4 points", by_ending=False),
+    TracksFormat("after-effects", "after_effects", (".txt",), "After Effects, a Point Control for each point"),
+    TracksFormat("after-effects-layers", "after_effects_layers", (), "After Effects, a layer each", folder=True),
+    TracksFormat("blender", "blender", (".py",), "Blender, a script that builds tracks in a movie clip"),
+    TracksFormat("3dequalizer", "equalizer", (".txt",), "3DEqualizer, 2D tracks"),
+    TracksFormat("syntheyes", "syntheyes", (".txt",), "SynthEyes, tracker 2-D paths"),
+    TracksFormat("pftrack", "pftrack", (".txt",), "PFTrack, 2D tracks"),
 )
 
 
@@ -87,12 +101,8 @@ def format_of(path: Path, to: str | None = None) -> TracksFormat:
         if named is None:
             raise TracksFileError(f"{to} is no format of tracks; there are {_names(FORMATS)}")
         if suffix not in (named.endings or ("",)):
-            ending = " or ".join(named.endings)
-            raise TracksFileError(
-                f"{path}: {named.name} is written as {ending}; give a name with that ending"
-                if ending
-                else f"{path}: {named.name} is a folder; give a name without an ending"
-            )
+            name = "without an ending" if named.folder else "with that ending"
+            raise TracksFileError(f"{path}: {named.name} is written as {named.kind}; give a name {name}")
         return named
     able = [each for each in FORMATS if suffix in each.endings]
     meant = [each for each in able if each.by_ending] or able
@@ -120,11 +130,25 @@ def read(path: Path) -> tuple[Tracks, About]:
 
 
 def _completed(about: About, tracks: Tracks) -> About:
-    """With what `tracks` say of the clip where `about` does not; `TracksFileError` where the sizes differ."""
+    """With what `tracks` say of the clip where `about` does not; `TracksFileError` where they are of another clip."""
     if about.size is not None and tracks.size is not None and about.size != tracks.size:
         raise TracksFileError(
             f"the tracks are in frames of {tracks.size[1]}x{tracks.size[0]} but those of the clip are "
             f"{about.width}x{about.height}; give the clip that they are of"
+        )
+    if about.size is not None:
+        x, y = tracks.queries[:, 1], tracks.queries[:, 2]
+        outside = (x < -0.5) | (y < -0.5) | (x > about.width - 0.5) | (y > about.height - 0.5)
+        if outside.any():
+            point = int(outside.argmax())
+            raise TracksFileError(
+                f"point {point} (counted from 0) was given at ({x[point]:g}, {y[point]:g}), outside of frames of "
+                f"{about.width}x{about.height}; give the clip that the tracks are of"
+            )
+    if about.length is not None and len(tracks.frames) and tracks.frames.max() >= about.length:
+        raise TracksFileError(
+            f"the tracks reach frame {tracks.frames.max()} but the clip has {about.length} frames, from 0; "
+            f"give the clip that they are of"
         )
     return replace(about, size=about.size or tracks.size, fps=about.fps or _rate(tracks))
 
