@@ -78,9 +78,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             raise TracksFileError(f"Blender's names have up to {LONGEST_NAME} characters; shorten {point.name}")
     last = points[0].all_numbers[-1]
     if last >= LAST_FRAME:
-        raise TracksFileError(
-            f"Blender counts up to frame {LAST_FRAME}, but the tracks reach {last}; give fewer frames"
-        )
+        raise TracksFileError(f"Blender counts up to frame {LAST_FRAME} but the tracks reach {last}; give fewer frames")
     script = _SCRIPT.format(
         clip=_file(about.clip),
         width=about.width,

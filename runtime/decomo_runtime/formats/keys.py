@@ -31,7 +31,7 @@ class Keys:
     """One point where it is in sight."""
 
     name: str
-    """Of letters, digits, dots, dashes and underscores; no two points have the same."""
+    """Of letters, digits, dots, dashes and underscores; no two points have the same, not even in capitals."""
     numbers: npt.NDArray[np.int64]
     """[K], frame numbers of the tool, rising."""
     xy: Places
@@ -92,10 +92,10 @@ def plain_names(names: Sequence[str]) -> list[str]:
     used: set[str] = set()
     plain = []
     for name in names:
-        wanted = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_") or "point"
+        wanted = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("._-") or "point"
         unique, number = wanted, 2
-        while unique in used:
+        while unique.lower() in used:
             unique, number = f"{wanted}_{number}", number + 1
-        used.add(unique)
+        used.add(unique.lower())
         plain.append(unique)
     return plain

@@ -44,7 +44,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     points = keyed(tracks, about, FIRST_FRAME)
     with open(path, "w", encoding="ascii", newline="\n") as file:
         file.write(HEADER)
-        file.write(f"Tracker4 {{\n inputs 0\n tracks {{ {{ 1 {len(_COLUMNS)} {len(points)} }}\n{{")
+        file.write(f"Tracker4 {{\n tracks {{ {{ 1 {len(_COLUMNS)} {len(points)} }}\n{{")
         file.writelines(f" {{ {column} }}\n" for column in _COLUMNS)
         file.write("}\n{\n")
         file.writelines(_row(point, from_bottom_left(point.xy, about.height)) for point in shown(points))

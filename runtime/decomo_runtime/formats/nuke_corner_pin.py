@@ -25,7 +25,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     corners = _in_order(keyed(tracks, about, FIRST_FRAME), about.height)
     width, height = about.width, about.height
     with open(path, "w", encoding="ascii", newline="\n") as file:
-        file.write(HEADER + "CornerPin2D {\n inputs 0\n")
+        file.write(HEADER + "CornerPin2D {\n")
         for number, corner in enumerate(corners, 1):
             xy = from_bottom_left(corner.xy, about.height)
             file.write(f" to{number} {{{curve(corner, xy[:, 0])} {curve(corner, xy[:, 1])}}}\n")

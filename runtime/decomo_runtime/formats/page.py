@@ -17,6 +17,8 @@ from decomotion.times import steady_times
 FORMAT, VERSION = "decomotion.points", 1
 MOST_POINTS = 2000
 """That the page opens."""
+MOST = 10_000_000
+"""Frames, pixels of a side and frames a second that a clip may be said to have, so that a few bytes take no memory."""
 COLOUR = "#f73e73"
 _DECIMALS = 4
 
@@ -56,7 +58,7 @@ def read(path: Path) -> tuple[Tracks, About]:
         if version != VERSION:
             raise TracksFileError(f"{path} has version {version}, but this reads {VERSION}; upgrade, or save it as npz")
         sizes = [clip[key] for key in ("num_frames", "height", "width")]
-        if any(type(size) is not int or size < 1 for size in sizes) or not 0 < float(clip["fps"]) < np.inf:
+        if any(type(size) is not int or not 1 <= size <= MOST for size in sizes) or not 1 / MOST <= clip["fps"] <= MOST:
             raise ValueError("no clip")
         length, height, width = sizes
         rows = {key: [point[key] for point in points] for key in ("tracks", "occlusion", "occluded", "name", "colour")}
@@ -71,7 +73,7 @@ def read(path: Path) -> tuple[Tracks, About]:
         )
     except TracksFileError:
         raise
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+    except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise TracksFileError(
             f"{path} is not the JSON of points with their tracks that decomo-view's page saves; save it there again"
         ) from error
@@ -93,4 +95,5 @@ def _array(values: list[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float32]
     array = np.array(values, np.float64).reshape(shape if not values else np.shape(values))
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"no numbers of the shape {shape}")
-    return array.astype(np.float32)
+    with np.errstate(over="ignore"):  # places beyond float32 are infinitely far
+        return array.astype(np.float32)
