@@ -51,7 +51,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         pycolmap.set_random_seed(0)
         pycolmap.geometric_verification(str(path))
         with pycolmap.Database.open(str(path)) as database:
-            verified = database.num_verified_image_pairs()
+            verified = database.num_inlier_matches()
     if not verified:
         raise TracksFileError(f"COLMAP finds no two frames whose points move as those of a static scene; {_TO_MAP}")
 

@@ -41,6 +41,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     with rr.RecordingStream("decomotion") as recording:
         recording.save(str(path), default_blueprint=_blueprint(about))
         recording.send_recording_name(about.name)
+        recording.set_log_time_enabled(False)  # a timeline of when this ran
         for column in shown(range(len(tracks.frames)), "frames"):
             frame = int(tracks.frames[column])
             recording.set_time("frame", sequence=int(about.numbers(tracks.frames[column : column + 1], FIRST_FRAME)[0]))
@@ -64,6 +65,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             steps = seen[:, column] & seen[:, max(0, column - 1)]
             segments = xy[steps][:, [max(0, column - 1), column]]
             recording.log(TRAILS, rr.LineStrips2D(segments, radii=_WIDTH, colors=colours[steps]))
+        recording.disconnect()
 
 
 def _blueprint(about: About) -> Any:
