@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from consumers import consumer
 from decomo_runtime import QueryError
 from decomo_runtime.keypoints import Keypoints, read_keypoints
 
@@ -129,9 +130,7 @@ def test_other_files_are_refused(tmp_path: Path):
 @pytest.mark.parametrize("format", ["table", "fixed"])
 @pytest.mark.parametrize("content", [PREDICTIONS, LABELS, ANIMALS])
 def test_h5_of_deeplabcut(tmp_path: Path, content: str, format: str):
-    pandas = pytest.importorskip("pandas", reason="of the extra pose")
-    pytest.importorskip("tables", reason="of the extra pose")
-    pytest.importorskip("h5py", reason="of the extra pose")
+    pandas, _, _ = consumer("pandas"), consumer("tables"), consumer("h5py")
     path = written(tmp_path, content)
     frame = pandas.read_csv(path, header=[0, 1, 2, 3] if content is ANIMALS else [0, 1, 2], index_col=[0, 1, 2])
     if content is not LABELS:
@@ -154,7 +153,7 @@ class Harmful:
 
 
 def test_h5_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    h5py = pytest.importorskip("h5py", reason="of the extra pose")
+    h5py = consumer("h5py")
     monkeypatch.chdir(tmp_path)
     with h5py.File("harmful.h5", "w") as file:
         group = file.create_group("df_with_missing")

@@ -90,7 +90,7 @@ class _Table:
 
 
 def read_keypoints(path: Path) -> Keypoints:
-    """The points of a .csv, or of an .h5 (with the extra `pose`), labels or predictions.
+    """The points of a .csv, or of an .h5 (with the extra `deeplabcut`), labels or predictions.
 
     A name is that of the body part, behind that of its individual where there are several. `QueryError` where the file
     is none of DeepLabCut's.
@@ -132,7 +132,9 @@ def _from_h5(path: Path) -> _Table:
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
-        raise QueryError(f"{path} needs h5py, which is not installed; run: pip install 'decomotion[pose]'") from error
+        raise QueryError(
+            f"{path} needs h5py, which is not installed; run: pip install 'decomotion[deeplabcut]'"
+        ) from error
     with h5py.File(path) as file:
         groups = [group for group in file.values() if "pandas_type" in group.attrs]
         if len(groups) != 1:

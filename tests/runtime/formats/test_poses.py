@@ -57,6 +57,16 @@ class TestDeepLabCut:
         np.testing.assert_array_equal(poses.confidence.sel(keypoints="point_00").values[:, 0], [0.75, 1, 0, 1, 1])
         np.testing.assert_allclose(poses.time.values, np.arange(5) / 25)
 
+    def test_pandas_reads_h5(self, tmp_path: Path):
+        pandas, _ = consumer("pandas"), consumer("tables")
+        scored_tracks().save(tmp_path / "a.h5", about=About(first_frame=10))
+        table = pandas.read_hdf(tmp_path / "a.h5", "df_with_missing")
+        assert table.columns.names == ["scorer", "bodyparts", "coords"]
+        assert table.index.tolist() == [10, 11, 12, 13, 14]
+        corner = table["decomotion"]["point_00"]
+        np.testing.assert_array_equal(corner[["x", "y"]], places_of_corner())
+        np.testing.assert_array_equal(corner["likelihood"], [0.75, 1, 0, 1, 1])
+
     def test_its_first_lines(self, tmp_path: Path):
         scored_tracks().save(tmp_path / "a.csv", "deeplabcut")
         assert (tmp_path / "a.csv").read_text().startswith(FIRST)

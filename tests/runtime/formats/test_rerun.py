@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -102,7 +104,8 @@ def test_frames_of_the_clip(recorded: Callable[..., tuple[Any, dict[str, dict[in
     np.testing.assert_allclose(picture[100, 100], (120, 128, 200), atol=3)  # of a JPEG
 
 
-def test_rerun_itself_takes_it(recorded: Callable[..., tuple[Any, dict[str, dict[int, Row]]]]):
-    reader, _ = recorded(name="goat")
-    (recording,) = reader.recordings()
-    assert recording.application_id == "decomotion"
+def test_rerun_s_own_check(recorded: Callable[..., tuple[Any, dict[str, dict[int, Row]]]], tmp_path: Path):
+    recorded(name="goat")
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(tmp_path / "a.rrd")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert "1 file verified without error" in done.stdout + done.stderr
