@@ -73,8 +73,8 @@ def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
 
 
 def shown(points: Sequence[Keys]) -> Iterator[Keys]:
-    """The points one by one, with a bar where there are many."""
-    return iter(tqdm(points, "points", delay=_SECONDS, leave=False))
+    """The points one by one, with a bar on a terminal where there are many."""
+    return iter(tqdm(points, "points", delay=_SECONDS, leave=False, disable=None))
 
 
 def from_top_left(xy: Places) -> Places:
