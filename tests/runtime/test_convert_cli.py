@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracks, convert
+from decomo_runtime import About, Tracker, Tracks, convert
 from decomo_runtime.cli import main as track
+from decomo_runtime.contract import META_PIXEL_ASPECT
 from decomo_runtime.convert_cli import main
 from decomo_runtime.formats.registry import FORMATS
 from known_tracks import known_tracks
@@ -162,6 +164,12 @@ class TestTrack:
         assert [frame - 1 for frame in keys] == np.flatnonzero(~tracks.occluded[0]).tolist()
         first = next(iter(keys.values()))
         np.testing.assert_allclose(first, (tracks.xy[0, 0, 0] + 0.5, HEIGHT - 0.5 - tracks.xy[0, 0, 1]), atol=6e-5)
+
+    def test_what_a_model_says_of_its_clip(self, write_model: Callable[..., Path], tmp_path: Path):
+        facts = Tracker(write_model({META_PIXEL_ASPECT: "1.5"})).facts
+        assert About.of(facts, tmp_path) == About(
+            *((HEIGHT, WIDTH), facts.fps, NUM_FRAMES), pixel_aspect=1.5, name="slide", clip=tmp_path
+        )
 
     def test_to(self, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         arguments = [str(model_path), "--point", "0,10,12", "--out", str(tmp_path / "a.txt")]

@@ -138,6 +138,11 @@ class TestWhatIsKnown:
         with pytest.raises(TracksFileError, match="do not say the clip's frame rate"):
             one.save(tmp_path / "a.txt", "after-effects")
 
+    def test_frames_that_tell_no_rate(self, tmp_path: Path):
+        same = replace(known_tracks(), frames=np.array([2, 1, 0, 1, 2]), times=np.array([0.08, 0.04, 0, 0.04, 0.08]))
+        with pytest.raises(TracksFileError, match="do not say the clip's frame rate"):
+            same.save(tmp_path / "a.txt", "after-effects")
+
     @pytest.mark.parametrize(
         ("about", "words"),
         [
