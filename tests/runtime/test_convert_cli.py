@@ -121,7 +121,7 @@ def test_refusals(sized: Path, unsized: Path, tmp_path: Path, capsys: pytest.Cap
         "is not an .npz file of plain arrays": (tmp_path / "none.npz", out),
         "a.nk is not a file of tracks by its ending": (out, tmp_path / "b.nk"),
         "would replace": (unsized, unsized),
-        "made of 4 points, the corners, but the tracks have 3": (sized, out, "--to", "nuke-corner-pin"),
+        "made of 4 points, the corners, but there are 3": (sized, out, "--to", "nuke-corner-pin"),
     }.items():  # fmt: skip
         assert words in refusal(capsys, tmp_path, *arguments)
 
@@ -185,10 +185,16 @@ class TestTrack:
         assert len(list(out.iterdir())) > 1
 
     def test_some_frames_are_no_json_of_the_page(
-        self, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+        self,
+        model_path: Path,
+        tmp_path: Path,
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
     ):
         arguments = [str(model_path), "--point", "0,10,12", "--out", str(tmp_path / "a.json")]
-        assert track([*arguments, "--frames", "0:3"]) == 2
+        with monkeypatch.context() as patched:  # before any work
+            patched.setattr(Tracker, "track", None)
+            assert track([*arguments, "--frames", "0:3"]) == 2
         assert f"the page's JSON holds all {NUM_FRAMES} frames of the clip" in capsys.readouterr().err
         assert track(arguments) == 0
         assert Tracks.load(tmp_path / "a.json").size == (HEIGHT, WIDTH)
