@@ -61,6 +61,8 @@ def track(
     """
     import time
 
+    import numpy as np
+
     from decomo_runtime.errors import OverlayError, QueryError
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.registry import format_of
@@ -77,7 +79,8 @@ def track(
     if (overlay is not None or refine) != (clip_path is not None):
         raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
-    (check_new_folder if format_of(out, to).folder else check_output)("--out", out)
+    wanted = format_of(out, to)
+    (check_new_folder if wanted.folder else check_output)("--out", out)
     check_not_input("--out", out, model, queries_file, clip_path)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
@@ -88,6 +91,8 @@ def track(
     if on is not None:
         queries = queries[tracker.on_object(queries) == (on == DYNAMIC)]
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
+    about = About.of(tracker.facts, clip_path)
+    wanted.check(len(queries), np.arange(tracker.num_frames) if frames is None else frames, about)
     clip = None
     if clip_path is not None:
         clip = read_clip(clip_path)
@@ -98,7 +103,7 @@ def track(
     if refine and clip is not None:
         tracks = tracker.refine(tracks, clip.frames)
     seconds = time.perf_counter() - start
-    tracks.save(out, to, about=About.of(tracker.facts, clip_path))
+    wanted.write(tracks, out, about)
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)

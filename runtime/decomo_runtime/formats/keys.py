@@ -73,8 +73,8 @@ def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
 
 
 def shown(things: Sequence[T], words: str = "points") -> Iterator[T]:
-    """The things one by one, with a bar where there are many."""
-    return iter(tqdm(things, words, delay=_SECONDS, leave=False))
+    """The things one by one, with a bar on a terminal where there are many."""
+    return iter(tqdm(things, words, delay=_SECONDS, leave=False, disable=None))
 
 
 def from_top_left(xy: Places) -> Places:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
@@ -18,10 +19,14 @@ from decomo_runtime.tracks import Tracks
 CORNERS = 4
 
 
+def check(number: int, _: npt.NDArray[np.int64], __: About) -> None:
+    """`TracksFileError` unless there are four points."""
+    if number != CORNERS:
+        raise TracksFileError(f"a CornerPin2D is made of 4 points, the corners, but there are {number}")
+
+
 def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` unless there are four points that are once all in sight, as a convex quadrangle."""
-    if len(tracks.xy) != CORNERS:
-        raise TracksFileError(f"a CornerPin2D is made of 4 points, the corners, but the tracks have {len(tracks.xy)}")
+    """Raises `TracksFileError` unless the four points are once all in sight, as a convex quadrangle."""
     corners = _in_order(keyed(tracks, about, FIRST_FRAME), about.height)
     width, height = about.width, about.height
     with open(path, "w", encoding="ascii", newline="\n") as file:
