@@ -6,23 +6,31 @@ not visible, and its place is kept.
 
 from __future__ import annotations
 
+import json
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import clip_files, in_order, scores, unique_names
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
 
+_LONGEST = 60_000
+"""Bytes of all nodes, a little less than HDF5's limit of an attribute."""
+
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` where there is nothing to write."""
+    """Raises `TracksFileError` where there is nothing to write, or there are more points than a skeleton names."""
     sio = import_module("sleap_io")
     tracks = in_order(tracks)
-    skeleton = sio.Skeleton(nodes=unique_names(about.names(len(tracks.xy))), name=about.name)
+    names = unique_names(about.names(len(tracks.xy)))
+    if len(json.dumps([{"name": name, "weight": 1.0, "id": number} for number, name in enumerate(names)])) > _LONGEST:
+        raise TracksFileError(f"a skeleton of SLEAP cannot have {len(names)} nodes; follow fewer points")
+    skeleton = sio.Skeleton(nodes=names, name=about.name)
     track = sio.Track(about.name)
     video, numbers = _video(sio, tracks, about), (tracks.frames + _frames_before(about)).tolist()
     score = scores(tracks)
