@@ -48,7 +48,7 @@ def _layer(path: Path, tracks: Tracks, about: About) -> Layer:
     options = {
         "name": path.stem if about.name == About().name else about.name,
         "features": features,
-        "tail_length": int(tracks.frames.max()),
+        "blending": "translucent",
         "metadata": {"names": about.names(len(tracks.xy)), "size": tracks.size or about.size, "fps": about.fps},
     }
     return vertices, options, "tracks"

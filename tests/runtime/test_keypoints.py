@@ -105,7 +105,7 @@ def test_several_animals_of_deeplabcut(tmp_path: Path):
         ("t,x,y\n0,1,2\n", "does not begin with 'scorer'"),
         ("scorer,a\nbodyparts,b\n", "its header is not scorer, bodyparts, coords"),
         (PREDICTIONS.replace("coords,x", "coords,z"), "its coords are not x, y and likelihood"),
-        (PREDICTIONS.replace("tail,tail,tail", "nose,nose,nose"), "nose is there twice"),
+        (PREDICTIONS.replace("tail,tail,tail", "nose,nose,nose"), "'nose' is there twice"),
         (PREDICTIONS.replace("\n2,", "\n1,"), "a frame is there twice"),
         (PREDICTIONS.replace("12.5", "here"), "could not convert string to float"),
         (PREDICTIONS + "3,1.0\n", "its lines are not equally long"),
@@ -196,7 +196,7 @@ def test_frames_of_coco_by_the_clip_s_files_or_their_numbers(tmp_path: Path):
     files = [f"f_{number:04}.jpg" for number in range(9, 14)]
     np.testing.assert_array_equal(read_keypoints(named, files).frames, [1, 3])
     np.testing.assert_array_equal(read_keypoints(named, first=1).frames, [9, 11])
-    with pytest.raises(QueryError, match=r"the images \(f_0012\.jpg, \.\.\.\) do not tell which frames of the clip"):
+    with pytest.raises(QueryError, match=r"the images \('f_0012\.jpg', \.\.\.\) do not tell which frames of the clip"):
         read_keypoints(named)
     from_0 = written(tmp_path, coco(images=images("f_0012.jpg", "f_0000.jpg")), "b.json")
     np.testing.assert_array_equal(read_keypoints(from_0).frames, [0, 12])

@@ -28,6 +28,13 @@ LEAST = 15
 _TO_MAP = "follow more points of the static scene, such as with --grid 16@0 --on static"
 
 
+def check(number: int, _: npt.NDArray[np.int64], __: About) -> None:
+    """`TracksFileError` where there are too few points."""
+    import_module("pycolmap")
+    if number < LEAST:
+        raise TracksFileError(f"COLMAP wants {LEAST} points in sight in two frames, but there are {number}; {_TO_MAP}")
+
+
 def write(tracks: Tracks, path: Path, about: About) -> None:
     """Raises `TracksFileError` where the clip's size is not known, or no two frames have matches that COLMAP takes."""
     pycolmap = import_module("pycolmap")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
@@ -23,14 +24,19 @@ _LONGEST = 60_000
 """Bytes of all nodes, a little less than HDF5's limit of an attribute."""
 
 
-def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` where there is nothing to write, or there are more points than a skeleton names."""
-    sio = import_module("sleap_io")
-    tracks = in_order(tracks)
-    names = unique_names(about.names(len(tracks.xy)))
+def check(number: int, _: npt.NDArray[np.int64], about: About) -> None:
+    """`TracksFileError` where there are more points than a skeleton names."""
+    import_module("sleap_io")
+    names = unique_names(about.names(number))
     if len(json.dumps([{"name": name, "weight": 1.0, "id": number} for number, name in enumerate(names)])) > _LONGEST:
         raise TracksFileError(f"a skeleton of SLEAP cannot have {len(names)} nodes; follow fewer points")
-    skeleton = sio.Skeleton(nodes=names, name=about.name)
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """Raises `TracksFileError` where there is nothing to write."""
+    sio = import_module("sleap_io")
+    tracks = in_order(tracks)
+    skeleton = sio.Skeleton(nodes=unique_names(about.names(len(tracks.xy))), name=about.name)
     track = sio.Track(about.name)
     video, numbers = _video(sio, tracks, about), (tracks.frames + _frames_before(about)).tolist()
     score = scores(tracks)

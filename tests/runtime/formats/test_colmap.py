@@ -130,8 +130,13 @@ def test_images_have_the_names_of_the_clip_s_frames(pycolmap: Any, tmp_path: Pat
 
 
 def test_too_few_points_are_refused(pycolmap: Any, tmp_path: Path):
-    with pytest.raises(TracksFileError, match="COLMAP wants 15 points in sight in two frames, but no two have them"):
+    with pytest.raises(TracksFileError, match="COLMAP wants 15 points in sight in two frames, but there are 3; follow"):
         known_tracks().save(tmp_path / "a.db")
+    few = journey(frames=3).tracks
+    occluded = few.occluded.copy()
+    occluded[14:, 1:] = True
+    with pytest.raises(TracksFileError, match="COLMAP wants 15 points in sight in two frames, but no two have them"):
+        replace(few, occluded=occluded).save(tmp_path / "a.db")
     with pytest.raises(TracksFileError, match="no two frames whose points move as those of a static scene"):
         journey(points=20, frames=2, movers=20).tracks.save(tmp_path / "a.db")
     with pytest.raises(TracksFileError, match="do not say the clip's size"):
