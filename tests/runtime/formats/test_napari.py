@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from consumers import consumer
-from decomo_runtime import About, ModelFileError
+from decomo_runtime import About, ModelFileError, TracksFileError
 from decomo_runtime.napari_reader import POINTS, get_reader
 from known_tracks import HIDDEN, NUM_FRAMES, PLACES, known_tracks
 
@@ -100,14 +100,24 @@ class TestReader:
         assert read is not None
         assert [options["name"] for _, options, _ in read("")] == ["a", "b"]
 
-    def test_places_that_are_nowhere_have_no_vertex(self, tmp_path: Path):
-        tracks = known_tracks()
+    @pytest.mark.parametrize(("sized", "vertices"), [(True, 9), (False, 10)])
+    def test_there_is_no_vertex_nowhere_and_none_beyond_a_known_frame(self, tmp_path: Path, sized: bool, vertices: int):
+        tracks = known_tracks(sized=sized)
         xy = tracks.xy.copy()
         xy[2] = np.nan
+        xy[1, 0] = -0.6, 100
         replace(tracks, xy=xy).save(tmp_path / "a.npz")
         read = get_reader(str(tmp_path / "a.npz"))
         assert read is not None
-        assert len(read("")[0][0]) == 10
+        assert len(read("")[0][0]) == vertices
+
+    def test_tracks_that_are_nowhere_are_left_alone(self, tmp_path: Path):
+        tracks = known_tracks()
+        nowhere = replace(tracks, xy=tracks.xy * np.nan, occluded=np.ones_like(tracks.occluded))
+        nowhere.save(tmp_path / "a.npz")
+        assert get_reader(str(tmp_path / "a.npz")) is None
+        with pytest.raises(TracksFileError, match="no point is in the frame at any time"):
+            nowhere.save(tmp_path / "a.csv", "napari")
 
     def test_what_is_not_ours_is_left_to_others(self, tmp_path: Path):
         (tmp_path / "points.csv").write_text("index,axis-0,axis-1\n0,1,2\n")
