@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from consumers import consumer
 from decomo_runtime import QueryError
-from decomo_runtime.keypoints import Keypoints, read_keypoints
+from decomo_runtime.formats.keypoints import Keypoints
+from decomo_runtime.keypoints import read_keypoints
 from near_misses import answer, any_array, any_or_near, near_tree, plain_tree
 
 PREDICTIONS = b"""\

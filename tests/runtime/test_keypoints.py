@@ -12,7 +12,8 @@ import pytest
 
 from consumers import consumer
 from decomo_runtime import QueryError
-from decomo_runtime.keypoints import Keypoints, read_keypoints
+from decomo_runtime.formats.keypoints import Keypoints
+from decomo_runtime.keypoints import read_keypoints
 
 NAN = np.nan
 

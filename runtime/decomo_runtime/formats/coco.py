@@ -19,7 +19,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import image_names, in_frame, in_order, unique_names
-from decomo_runtime.keypoints import Keypoints
+from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.tracks import Tracks
 
 HIDDEN, IN_SIGHT = 1, 2
@@ -114,8 +114,8 @@ def _frames(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str], 
     numbers = [int(number[1]) for number in found if number is not None]
     if len(numbers) < len(names) or (first is None and min(numbers) > 0):
         raise QueryError(
-            f"{path}: the images ({names[0]!r}, ...) do not tell which frames of the clip they are; give the clip's "
-            "folder of such files, or the number that its first frame has in their names"
+            f"{path}: the images ({names[0]!r}, ...) do not tell which frames of the clip they are; give --clip, its "
+            "folder of such files (in Python files=, their names, or first=, the number of its first frame in them)"
         )
     return [number - (first or 0) for number in numbers]
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import QueryError, TracksFileError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import in_order, scores, unique_names
-from decomo_runtime.keypoints import Keypoints
+from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.tables import opened_table
 from decomo_runtime.tracks import Tracks
 
