@@ -43,6 +43,7 @@ class TestDatabase:
         xy, occluded = tracks.xy.copy(), tracks.occluded.copy()
         xy[0], occluded[0] = (10.25, 20.5), False
         xy[0, 0], xy[0, 1], occluded[0, 2] = (0, 0), (639, 359), True
+        xy[0, 4] = 639.6, 100  # beyond the frame
         replace(tracks, xy=xy, occluded=occluded).save(tmp_path / "a.db")
         assert [file.name for file in tmp_path.iterdir()] == ["a.db"]
         with pycolmap.Database.open(str(tmp_path / "a.db")) as opened:
@@ -67,11 +68,12 @@ class TestDatabase:
         tracks = journey(first=3).tracks
         for a, b in ((0, 1), (2, 4), (3, 7), (0, 8)):
             common = ~tracks.occluded[1:, a] & ~tracks.occluded[1:, b]
+            assert database.read_keypoints(a + 1).shape[0] == (~tracks.occluded[1:, a]).sum() + (a not in (2, 4))
             left, right = database.read_matches(a + 1, b + 1).T
             ours = tracks.xy[1:][common] + 0.5
-            kept = ~np.isin(left, [0]) | (a == 2)  # the point with places of its own
+            kept = ~np.isin(left, [0]) | (a in (2, 4))  # the point with places of its own
             np.testing.assert_array_equal(database.read_keypoints(a + 1)[left[kept], :2], ours[:, a])
-            kept = ~np.isin(right, [0]) | (b == 2)
+            kept = ~np.isin(right, [0]) | (b in (2, 4))
             np.testing.assert_array_equal(database.read_keypoints(b + 1)[right[kept], :2], ours[:, b])
 
     def test_pairs(self, database: Any):
@@ -88,19 +90,23 @@ def test_it_is_a_database_of_sqlite(pycolmap: Any, tmp_path: Path):
     assert {"cameras", "images", "keypoints", "matches", "two_view_geometries"} <= tables
 
 
-@pytest.mark.parametrize("movers", [0, 40])
-def test_colmap_finds_the_camera_s_way_and_its_focal_length(pycolmap: Any, tmp_path: Path, movers: int):
+@pytest.mark.parametrize(("movers", "pixels", "way", "share"), [(0, 0.01, 0.001, 0.001), (40, 0.5, 0.06, 0.08)])
+def test_colmap_finds_the_camera_s_way_and_its_focal_length(
+    pycolmap: Any, tmp_path: Path, movers: int, pixels: float, way: float, share: float
+):
+    """Within so many pixels, of a way of 2.4, and share of the focal length. With movers that fit by chance, COLMAP's
+    threads draw others each time: so far within 0.13, 0.015 and 0.022."""
     known = journey(movers=movers)
     known.tracks.save(tmp_path / "a.db")
     model = mapped(pycolmap, tmp_path / "a.db", tmp_path)
     assert model.num_reg_images() == 12
-    assert model.compute_mean_reprojection_error() < 0.2  # px; places are exact but for float32
+    assert model.compute_mean_reprojection_error() < pixels
     found = camera_places(model)
     likeness = pycolmap.estimate_sim3d(found, known.centres)
     placed = likeness.scale * found @ likeness.rotation.matrix().T + likeness.translation
-    np.testing.assert_allclose(placed, known.centres, atol=0.02)  # of a way of 2.4
+    np.testing.assert_allclose(placed, known.centres, atol=way)
     (camera,) = model.cameras.values()
-    np.testing.assert_allclose(camera.params[0], FOCAL, rtol=0.02)  # was guessed as 768
+    np.testing.assert_allclose(camera.params[0], FOCAL, rtol=share)  # was guessed as 768
     assert model.num_points3D() >= 0.9 * (150 - movers)
 
 

@@ -94,6 +94,9 @@ def test_a_library_of_an_extra_that_is_missing(tmp_path: Path, monkeypatch: pyte
         match=r"^needy needs no_such_library, which is not installed; run: pip install 'decomotion\[colmap\]'$",
     ):
         needy.write(known_tracks(), tmp_path / "a.x", About())
+    (tmp_path / "choosy.py").write_text("def check(number, frames, about):\n    import no_such_library.part\n")
+    with pytest.raises(TracksFileError, match=r"^needy needs no_such_library, which is not installed"):
+        replace(needy, module="choosy").check(3, np.arange(5), About())  # before anything is asked for
     with pytest.raises(ModuleNotFoundError):
         replace(needy, extra=None).write(known_tracks(), tmp_path / "a.x", About())
     assert not (tmp_path / "a.x").exists()

@@ -81,6 +81,20 @@ def test_trails_join_what_is_in_sight(recorded: Callable[..., tuple[Any, dict[st
     assert len(reader.blueprints()) == 1  # in it the steps of the frames before are seen too
 
 
+def test_frames_are_in_order(recorded: Callable[..., tuple[Any, dict[str, dict[int, Row]]]]):
+    tracks = known_tracks()
+    assert tracks.times is not None
+    columns = [4, 1, 4]
+    turned = {name: getattr(tracks, name)[:, columns] for name in ("xy", "occluded", "occlusion")}
+    _, entities = recorded(replace(tracks, **turned, frames=tracks.frames[columns], times=tracks.times[columns]))
+    rows = entities["/clip/in_sight"]
+    assert {frame: row["time"] for frame, row in rows.items()} == {
+        1: np.timedelta64(round(1e9 / FPS), "ns"),
+        4: np.timedelta64(round(4e9 / FPS), "ns"),
+    }
+    assert rows[1]["Points2D:positions"] == [[639.5, 359.5]]
+
+
 def test_first_frame_names_and_colours(recorded: Callable[..., tuple[Any, dict[str, dict[int, Row]]]]):
     _, entities = recorded(first_frame=1001, points=("nose", "tail", "ear"), colours=("#ff0000", "#00ff80", "#000000"))
     row = entities["/clip/in_sight"][1004]
