@@ -59,6 +59,19 @@ def new_folder(path: str | Path) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
+def check_room(path: Path, size: int) -> None:
+    """Raises what a full disk's write would, an `OSError`, unless a new file `path` may grow to `size` bytes.
+
+    For libraries that crash, wait for ever or leave half a file there. Looks where the system can (`posix_fallocate`).
+    """
+    if hasattr(os, "posix_fallocate"):
+        try:
+            with path.open("wb") as file:
+                os.posix_fallocate(file.fileno(), 0, size)
+        finally:
+            path.unlink(missing_ok=True)
+
+
 def partial_name(path: Path) -> Path:
     """What is beside `path` while it is written, with the same suffix."""
     return path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from decomotion.files import naming, new_folder, replacing
+from decomotion.files import check_room, naming, new_folder, replacing
 from full_disk import writes_end_at
 
 
@@ -179,3 +179,10 @@ def raised_in(block: Path, error: Exception) -> Exception:
 )
 def test_other_errors_are_left_alone(tmp_path: Path, error: Exception):
     assert raised_in(tmp_path, error) is error
+
+
+def test_room_is_looked_for_and_nothing_is_left(tmp_path: Path):
+    check_room(tmp_path / "a", 2**20)
+    with writes_end_at(2**16), pytest.raises(OSError, match="File too large"):
+        check_room(tmp_path / "a", 2**20)
+    assert not list(tmp_path.iterdir())

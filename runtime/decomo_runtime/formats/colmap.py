@@ -20,6 +20,7 @@ from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import image_names, in_frame, in_order
 from decomo_runtime.formats.keys import from_top_left, shown
 from decomo_runtime.tracks import Tracks
+from decomotion.files import check_room
 
 FOCAL = 1.2
 """Focal length over the longer side of the frame, where nothing is known: COLMAP's `default_focal_length_factor`."""
@@ -44,7 +45,9 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     pairs = [(a, b) for a, b in _pairs(len(names)) if (seen[:, a] & seen[:, b]).sum() >= LEAST]
     if not pairs:
         raise TracksFileError(f"COLMAP wants {LEAST} points in sight in two frames, but no two have them; {_TO_MAP}")
-    with _quiet(pycolmap):
+    matches = sum(int((seen[:, a] & seen[:, b]).sum()) for a, b in pairs)
+    check_room(path, 2 * (2**20 + 16 * int(seen.sum()) + 16 * matches + 1024 * (len(names) + len(pairs))))
+    with _quiet(pycolmap), _alone(path):
         with pycolmap.Database.open(str(path)) as database, pycolmap.DatabaseTransaction(database):
             images = _write_images(pycolmap, database, names, about)
             keypoint = np.cumsum(seen, axis=0) - 1  # of each point, by frame
@@ -98,6 +101,16 @@ def _camera(pycolmap: Any, about: About) -> Any:
     )
     model = "SIMPLE_RADIAL" if square else "OPENCV"
     return pycolmap.Camera(model=model, width=about.width, height=about.height, params=params)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Without what SQLite leaves beside a database where writing fails."""
+    try:
+        yield
+    finally:
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from decomo_runtime.formats.frames import in_order, scores, unique_names
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.tables import opened_table
 from decomo_runtime.tracks import Tracks
+from decomotion.files import check_room
 
 LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 """Of the header, from the top; `individuals` is absent where there is one animal."""
@@ -35,6 +36,8 @@ KEY = "df_with_missing"
 """Of the table in an h5 file."""
 MOST_FRAMES = 10**6
 """That a table has rows for."""
+_ROOM = 2**20
+"""Bytes of an .h5 beside its rows."""
 MOST_BYTES = 2**31
 """That are read of a file."""
 _OF_H5 = RuntimeError, pickle.UnpicklingError
@@ -84,6 +87,7 @@ def _write_h5(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], row
     if len(pickle.dumps(columns, protocol=0)) > _LONGEST:
         raise TracksFileError(f"an .h5 of DeepLabCut cannot name {len(columns) // 3} points; write a .csv")
     pandas, _ = import_module("pandas"), import_module("tables")
+    check_room(path, _ROOM + 2 * rows.nbytes + 64 * len(rows))
     labels = pandas.MultiIndex.from_tuples(columns, names=_ONE_ANIMAL)
     pandas.DataFrame(rows, index=numbers, columns=labels).to_hdf(path, key=KEY, mode="w", format="table")
 

@@ -18,7 +18,8 @@ from decomo_runtime.formats.frames import in_order
 from decomo_runtime.formats.keys import from_top_left, shown
 from decomo_runtime.overlay import TRAIL, rainbow
 from decomo_runtime.tracks import Tracks
-from decomotion.clip import read_clip
+from decomotion.clip import Clip, read_clip
+from decomotion.files import check_room
 
 FIRST_FRAME = 0
 CLIP, IN_SIGHT, HIDDEN, TRAILS = "clip", "clip/in_sight", "clip/hidden", "clip/trails"
@@ -44,6 +45,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     colours = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in about.colours], np.uint8)
     colours = colours if len(colours) else rainbow(tracks.queries)
     names = np.array(about.names(len(xy)))
+    check_room(path, _room(tracks, clip))
     with rr.RecordingStream("decomotion") as recording:
         recording.save(str(path), default_blueprint=_blueprint(about))
         recording.send_recording_name(about.name)
@@ -54,8 +56,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             if tracks.times is not None:
                 recording.set_time("time", duration=float(tracks.times[column]))
             if clip is not None:
-                _, jpeg = cv2.imencode(".jpg", clip.frames[frame][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG])
-                recording.log(CLIP, rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
+                recording.log(CLIP, rr.EncodedImage(contents=_jpeg(clip, frame), media_type="image/jpeg"))
             for entity, rows in ((IN_SIGHT, seen[:, column]), (HIDDEN, placed[:, column] & ~seen[:, column])):
                 recording.log(
                     entity,
@@ -71,6 +72,20 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             segments = xy[steps][:, [max(0, column - 1), column]]
             recording.log(TRAILS, rr.LineStrips2D(segments, radii=_WIDTH, colors=colours[steps]))
         recording.disconnect()
+
+
+def _room(tracks: Tracks, clip: Clip | None) -> int:
+    """Bytes that the recording may have, from some of the frames."""
+    some = (
+        []
+        if clip is None
+        else [len(_jpeg(clip, int(frame))) for frame in tracks.frames[[0, len(tracks.frames) // 2, -1]]]
+    )
+    return 2**20 + 128 * tracks.occluded.size + (4096 + 2 * max(some, default=0)) * len(tracks.frames)
+
+
+def _jpeg(clip: Clip, frame: int) -> bytes:
+    return cv2.imencode(".jpg", clip.frames[frame][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG])[1].tobytes()
 
 
 def _blueprint(about: About) -> Any:

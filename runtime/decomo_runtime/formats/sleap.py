@@ -19,9 +19,12 @@ from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import clip_files, in_order, scores, unique_names
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
+from decomotion.files import check_room
 
 _LONGEST = 60_000
 """Bytes of all nodes, a little less than HDF5's limit of an attribute."""
+_ROOM = 2**20
+"""Bytes of a file beside its points."""
 
 
 def check(number: int, _: npt.NDArray[np.int64], about: About) -> None:
@@ -47,6 +50,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             values, skeleton=skeleton, track=track, score=float(score[:, column].mean())
         )
         frames.append(sio.LabeledFrame(video=video, frame_idx=number, instances=[instance]))
+    check_room(path, _ROOM + 2 * _LONGEST + 64 * score.size + 512 * len(frames))
     labels = sio.Labels(frames, videos=[video], skeletons=[skeleton], tracks=[track])
     sio.save_slp(labels, str(path), embed=False, verbose=False)
 
