@@ -14,7 +14,7 @@ from decomotion.console import run
 _PATH = click.Path(path_type=Path)
 
 
-_FORMATS = "\n".join(["\b", "Formats:", *(f"  {each.name:22}{each.kind:8}{each.purpose}" for each in FORMATS)])
+_FORMATS = "\n".join(["\b", "Formats:", *(f"  {each.name:22}{each.kind:13}{each.purpose}" for each in FORMATS)])
 
 
 @click.command(context_settings={"show_default": True}, epilog=_FORMATS)

@@ -149,7 +149,8 @@ def test_help_lists_the_formats_and_loads_nothing():
     *text, loaded = done.stdout.splitlines()
     assert loaded == "[]"
     for each in FORMATS:
-        assert any(line.split()[:1] == [each.name] and line.endswith(each.purpose) for line in text)
+        words = [each.name, *each.kind.split(), *each.purpose.split()]
+        assert any(line.split() == words and line.endswith("  " + each.purpose) for line in text)
 
 
 class TestTrack:

@@ -6,6 +6,7 @@ Matches are verified by COLMAP itself, so that its mapper can begin; what does n
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -21,6 +22,8 @@ from decomo_runtime.formats.frames import image_names, in_frame, in_order
 from decomo_runtime.formats.keys import from_top_left, shown
 from decomo_runtime.tracks import Tracks
 from decomotion.files import check_room
+
+log = logging.getLogger(__name__)
 
 FOCAL = 1.2
 """Focal length over the longer side of the frame, where nothing is known: COLMAP's `default_focal_length_factor`."""
@@ -58,6 +61,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
                 common = seen[:, a] & seen[:, b]
                 matches = np.column_stack([keypoint[common, a], keypoint[common, b]])
                 database.write_matches(images[a], images[b], matches.astype(np.uint32))
+        log.info("COLMAP verifies the matches of %d pairs of frames", len(pairs))
         pycolmap.set_random_seed(0)
         pycolmap.geometric_verification(str(path))
         with pycolmap.Database.open(str(path)) as database:

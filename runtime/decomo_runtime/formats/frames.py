@@ -52,8 +52,8 @@ def scores(tracks: Tracks) -> npt.NDArray[np.float64]:
 def image_names(about: About, frames: npt.NDArray[np.int64]) -> list[str]:
     """The file name of each frame's image.
 
-    In the clip's folder its own; of a video what `ffmpeg -i clip.mp4 %05d.png` calls it. Raises `TracksFileError`
-    where the folder has no such frame.
+    In the clip's folder its own; of a video what `ffmpeg -i clip.mp4 -fps_mode passthrough %05d.png` calls it. Raises
+    `TracksFileError` where the folder has no such frame.
     """
     files = () if about.clip is None else clip_files(about.clip)
     if not files:
