@@ -20,6 +20,7 @@ from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import image_names, in_frame, in_order, unique_names
 from decomo_runtime.formats.keypoints import Keypoints
+from decomo_runtime.formats.keys import shown
 from decomo_runtime.tracks import Tracks
 
 HIDDEN, IN_SIGHT = 1, 2
@@ -41,15 +42,17 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         for number, (name, frame) in enumerate(zip(names, tracks.frames.tolist(), strict=True), 1)
     ]
     visibility = np.where(in_frame(tracks, about), np.where(tracks.occluded, HIDDEN, IN_SIGHT), 0)
-    annotations = [
-        _annotation(image["id"], tracks.xy[:, column].astype(np.float64), visibility[:, column])
-        for column, image in enumerate(images)
-        if visibility[:, column].any()
-    ]
     keypoints = unique_names(about.names(len(tracks.xy)))
     category = {"id": 1, "name": about.name, "supercategory": "", "keypoints": keypoints, "skeleton": []}
-    content = {"images": images, "annotations": annotations, "categories": [category]}
-    path.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+    with open(path, "w", encoding="utf-8") as file:  # an annotation at a time: all are many
+        file.write(f'{{"images": {json.dumps(images)}, "categories": {json.dumps([category])}, "annotations": [')
+        separator = "\n"
+        for column in shown(np.flatnonzero(visibility.any(axis=0)).tolist(), "frames"):
+            places = tracks.xy[:, column].astype(np.float64)
+            annotation = _annotation(images[column]["id"], places, visibility[:, column])
+            file.write(separator + json.dumps(annotation, allow_nan=False))
+            separator = ",\n"
+        file.write("\n]}\n")
 
 
 def _annotation(image: int, xy: npt.NDArray[np.float64], visibility: npt.NDArray[np.int64]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from decomo_runtime.errors import QueryError, TracksFileError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import in_order, scores, unique_names
 from decomo_runtime.formats.keypoints import Keypoints
+from decomo_runtime.formats.keys import shown
 from decomo_runtime.tables import opened_table
 from decomo_runtime.tracks import Tracks
 from decomotion.files import check_room
@@ -79,7 +80,7 @@ def _write_csv(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], ro
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerows([level, *names] for level, names in zip(_ONE_ANIMAL, zip(*columns, strict=True), strict=True))
-        for number, row in zip(numbers.tolist(), rows, strict=True):
+        for number, row in shown(list(zip(numbers.tolist(), rows, strict=True)), "frames"):
             table.writerow([number, *("" if np.isnan(value) else f"{value:.4f}" for value in row)])
 
 

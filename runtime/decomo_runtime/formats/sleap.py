@@ -17,6 +17,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import clip_files, in_order, scores, unique_names
+from decomo_runtime.formats.keys import shown
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
 from decomotion.files import check_room
@@ -44,7 +45,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     video, numbers = _video(sio, tracks, about), (tracks.frames + _frames_before(about)).tolist()
     score = scores(tracks)
     frames = []
-    for column, number in enumerate(numbers):
+    for column, number in shown(list(enumerate(numbers)), "frames"):
         values = np.column_stack([tracks.xy[:, column], score[:, column], ~tracks.occluded[:, column]])
         instance = sio.PredictedInstance.from_numpy(
             values, skeleton=skeleton, track=track, score=float(score[:, column].mean())
