@@ -18,9 +18,10 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import image_names, in_frame, in_order, unique_names
+from decomo_runtime.formats.frames import image_names, in_frame, in_order
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.formats.keys import shown
+from decomo_runtime.formats.objects import objects_of
 from decomo_runtime.tracks import Tracks
 
 HIDDEN, IN_SIGHT = 1, 2
@@ -30,10 +31,10 @@ MOST_PLACES = 10**7
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
-    """All points are keypoints of one object; where one is out of the frame, it has no place.
+    """Points are keypoints of one object, or of several (`objects.py`); one that is out of the frame has no place.
 
-    Boxes are those of the placed points' pixels; a frame without one has no annotation. Raises `TracksFileError` where
-    the clip's size is not known.
+    Boxes are those of the placed points' pixels; where an object has none, there is no annotation. Raises
+    `TracksFileError` where the clip's size is not known.
     """
     tracks = in_order(tracks)
     names = image_names(about, tracks.frames)
@@ -42,29 +43,24 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         for number, (name, frame) in enumerate(zip(names, tracks.frames.tolist(), strict=True), 1)
     ]
     visibility = np.where(in_frame(tracks, about), np.where(tracks.occluded, HIDDEN, IN_SIGHT), 0)
-    keypoints = unique_names(about.names(len(tracks.xy)))
-    category = {"id": 1, "name": about.name, "supercategory": "", "keypoints": keypoints, "skeleton": []}
+    objects = objects_of(about, len(tracks.xy))
+    category = {"id": 1, "name": about.name, "supercategory": "", "keypoints": objects.parts, "skeleton": []}
+    xy, seen = objects.arranged(tracks.xy.astype(np.float64), np.nan), objects.arranged(visibility, 0)
     with open(path, "w", encoding="utf-8") as file:  # an annotation at a time: all are many
         file.write(f'{{"images": {json.dumps(images)}, "categories": {json.dumps([category])}, "annotations": [')
-        separator = "\n"
-        for column in shown(np.flatnonzero(visibility.any(axis=0)).tolist(), "frames"):
-            places = tracks.xy[:, column].astype(np.float64)
-            annotation = _annotation(images[column]["id"], places, visibility[:, column])
-            file.write(separator + json.dumps(annotation, allow_nan=False))
-            separator = ",\n"
+        for number, (column, row) in enumerate(shown(np.argwhere(seen.any(axis=1).T).tolist(), "annotations"), 1):
+            numbers = {"id": number, "image_id": images[column]["id"], "category_id": 1, "track_id": row + 1}
+            annotation = numbers | _annotation(xy[row, :, column], seen[row, :, column])
+            file.write(("\n" if number == 1 else ",\n") + json.dumps(annotation, allow_nan=False))
         file.write("\n]}\n")
 
 
-def _annotation(image: int, xy: npt.NDArray[np.float64], visibility: npt.NDArray[np.int64]) -> dict[str, Any]:
+def _annotation(xy: npt.NDArray[np.float64], visibility: npt.NDArray[np.int64]) -> dict[str, Any]:
     placed = visibility > 0
     left, top = xy[placed].min(axis=0)
     width, height = xy[placed].max(axis=0) - (left, top) + 1
     keypoints = np.column_stack([np.where(placed[:, None], xy, 0), visibility])
     return {
-        "id": image,
-        "image_id": image,
-        "category_id": 1,
-        "track_id": 1,
         "keypoints": [round(value, _DECIMALS) for value in keypoints.ravel().tolist()],
         "num_keypoints": int(placed.sum()),
         "bbox": [round(float(value), _DECIMALS) for value in (left, top, width, height)],

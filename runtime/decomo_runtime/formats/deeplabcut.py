@@ -21,9 +21,10 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError, TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import in_order, scores, unique_names
+from decomo_runtime.formats.frames import in_order, scores
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.formats.keys import shown
+from decomo_runtime.formats.objects import objects_of
 from decomo_runtime.tables import opened_table
 from decomo_runtime.tracks import Tracks
 from decomotion.files import check_room
@@ -45,7 +46,7 @@ _OF_H5 = RuntimeError, pickle.UnpicklingError
 """What h5py and names in its files may end in, beside the errors of a table."""
 _LONGEST = 2**16 - 2**10
 """Bytes of all names in an h5 file, less than HDF5's limit of an attribute."""
-_Columns = Sequence[tuple[str, str, str]]
+_Columns = Sequence[tuple[str, ...]]
 _GIVE = "give one that DeepLabCut wrote"
 
 
@@ -66,10 +67,12 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     where an .h5 cannot name so many points.
     """
     tracks = in_order(tracks)
-    names = unique_names(about.names(len(tracks.xy)))
-    columns = [(SCORER, name, coord) for name in names for coord in COORDS]
+    objects = objects_of(about, len(tracks.xy))
+    heads = [(name, part) if objects.several else (part,) for name in objects.names for part in objects.parts]
+    columns = [(SCORER, *head, coord) for head in heads for coord in COORDS]
     values = np.concatenate([tracks.xy.astype(np.float64), scores(tracks)[..., None]], axis=-1)
     values[~np.isfinite(values).all(axis=-1)] = np.nan
+    values = objects.arranged(values, np.nan).reshape(len(heads), len(tracks.frames), len(COORDS))
     numbers = about.numbers(np.arange(max(about.length or 0, int(tracks.frames[-1]) + 1)), 0)
     rows = np.full((len(numbers), len(columns)), np.nan)
     rows[tracks.frames] = values.transpose(1, 0, 2).reshape(len(tracks.frames), -1)
@@ -79,7 +82,8 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
 def _write_csv(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], rows: npt.NDArray[np.float64]) -> None:
     with open(path, "w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerows([level, *names] for level, names in zip(_ONE_ANIMAL, zip(*columns, strict=True), strict=True))
+        levels = zip(_levels_of(columns), zip(*columns, strict=True), strict=True)
+        table.writerows([level, *names] for level, names in levels)
         for number, row in shown(list(zip(numbers.tolist(), rows, strict=True)), "frames"):
             table.writerow([number, *("" if np.isnan(value) else f"{value:.4f}" for value in row)])
 
@@ -89,14 +93,18 @@ def _write_h5(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], row
         raise TracksFileError(f"an .h5 of DeepLabCut cannot name {len(columns) // 3} points; write a .csv")
     pandas, _ = import_module("pandas"), import_module("tables")
     check_room(path, _ROOM + 2 * rows.nbytes + 64 * len(rows))
-    labels = pandas.MultiIndex.from_tuples(columns, names=_ONE_ANIMAL)
+    labels = pandas.MultiIndex.from_tuples(columns, names=_levels_of(columns))
     pandas.DataFrame(rows, index=numbers, columns=labels).to_hdf(path, key=KEY, mode="w", format="table")
+
+
+def _levels_of(columns: _Columns) -> Sequence[str]:
+    return LEVELS if len(columns[0]) == len(LEVELS) else _ONE_ANIMAL
 
 
 @dataclass(frozen=True)
 class _Table:
     levels: Sequence[str]
-    columns: Sequence[tuple[str, ...]]
+    columns: _Columns
     index: Sequence[str]
     values: npt.NDArray[np.float64]
     """[row, column]."""
@@ -164,8 +172,7 @@ def _from_h5(path: Path) -> _Table:
                 raise ValueError("its columns are of several types")
             columns, values = list(zip(*_levels(group, "axis0"), strict=True)), _content(group["block0_values"])
             index = _levels(group, "axis1")[-1] if "axis1_level0" in group else [_text(cell) for cell in group["axis1"]]
-    levels = LEVELS if len(columns[0]) == len(LEVELS) else _ONE_ANIMAL
-    return _Table(levels, columns, index, np.asarray(values, np.float64))
+    return _Table(_levels_of(columns), columns, index, np.asarray(values, np.float64))
 
 
 def _content(dataset: Any) -> npt.NDArray[Any]:

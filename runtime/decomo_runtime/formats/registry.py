@@ -113,7 +113,7 @@ FORMATS = (
     ),
     TracksFormat("sleap", "sleap", (".slp",), "SLEAP, predictions", extra="sleap"),
     TracksFormat("coco", "coco", (".json",), "COCO, keypoints with visibility", by_ending=False),
-    TracksFormat("mot", "mot", (".txt",), "MOT Challenge, the box of all points", by_ending=False),
+    TracksFormat("mot", "mot", (".txt",), "MOT Challenge, the boxes of objects", by_ending=False),
     TracksFormat("rerun", "rerun", (".rrd",), "rerun, a recording", extra="rerun"),
 )
 

@@ -1,4 +1,4 @@
-"""SLEAP: the points as nodes of one skeleton, an instance in each frame, as predictions.
+"""SLEAP: the points of an object as nodes of a skeleton, an instance for each object and frame, as predictions.
 
 Pixel centres are at whole numbers, frames count from 0. A point's score is how surely it is in sight; a hidden one is
 not visible, and its place is kept.
@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import clip_files, in_order, scores, unique_names
+from decomo_runtime.formats.frames import clip_files, in_order, scores
 from decomo_runtime.formats.keys import shown
+from decomo_runtime.formats.objects import objects_of
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
 from decomotion.files import check_room
@@ -31,7 +32,7 @@ _ROOM = 2**20
 def check(number: int, _: npt.NDArray[np.int64], about: About) -> None:
     """`TracksFileError` where there are more points than a skeleton names."""
     import_module("sleap_io")
-    names = unique_names(about.names(number))
+    names = objects_of(about, number).parts
     if len(json.dumps([{"name": name, "weight": 1.0, "id": number} for number, name in enumerate(names)])) > _LONGEST:
         raise TracksFileError(f"a skeleton of SLEAP cannot have {len(names)} nodes; follow fewer points")
 
@@ -40,19 +41,26 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     """Raises `TracksFileError` where there is nothing to write."""
     sio = import_module("sleap_io")
     tracks = in_order(tracks)
-    skeleton = sio.Skeleton(nodes=unique_names(about.names(len(tracks.xy))), name=about.name)
-    track = sio.Track(about.name)
+    objects = objects_of(about, len(tracks.xy))
+    skeleton = sio.Skeleton(nodes=objects.parts, name=about.name)
+    owners = [sio.Track(name) for name in objects.names]
     video, numbers = _video(sio, tracks, about), (tracks.frames + _frames_before(about)).tolist()
-    score = scores(tracks)
+    score = objects.arranged(scores(tracks), 0)
+    xy, visible = objects.arranged(tracks.xy, np.nan), objects.arranged(~tracks.occluded, False)
     frames = []
     for column, number in shown(list(enumerate(numbers)), "frames"):
-        values = np.column_stack([tracks.xy[:, column], score[:, column], ~tracks.occluded[:, column]])
-        instance = sio.PredictedInstance.from_numpy(
-            values, skeleton=skeleton, track=track, score=float(score[:, column].mean())
-        )
-        frames.append(sio.LabeledFrame(video=video, frame_idx=number, instances=[instance]))
-    check_room(path, _ROOM + 2 * _LONGEST + 64 * score.size + 512 * len(frames))
-    labels = sio.Labels(frames, videos=[video], skeletons=[skeleton], tracks=[track])
+        instances = [
+            sio.PredictedInstance.from_numpy(
+                np.column_stack([xy[row, :, column], score[row, :, column], visible[row, :, column]]),
+                skeleton=skeleton,
+                track=owner,
+                score=float(score[row, :, column].mean()),
+            )
+            for row, owner in enumerate(owners)
+        ]
+        frames.append(sio.LabeledFrame(video=video, frame_idx=number, instances=instances))
+    check_room(path, _ROOM + 2 * _LONGEST + 64 * score.size + 512 * len(frames) * len(owners))
+    labels = sio.Labels(frames, videos=[video], skeletons=[skeleton], tracks=owners)
     sio.save_slp(labels, str(path), embed=False, verbose=False)
 
 
