@@ -32,6 +32,14 @@ def test_a_full_disk_is_told_and_nothing_is_left(tmp_path: Path, name: str):
     assert not list(tmp_path.iterdir())
 
 
+def test_sqlite_leaves_nothing_beside_a_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    consumer("pycolmap")
+    monkeypatch.setattr(import_module("decomo_runtime.formats.colmap"), "check_room", lambda *_: None)  # full since
+    with writes_end_at(4096), pytest.raises(RuntimeError):
+        journey().tracks.save(tmp_path / "a.db")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     "tracks", [journey().tracks, journey(300, 3).tracks, journey(20, 60).tracks, wandering_tracks(30, 40)]
 )
