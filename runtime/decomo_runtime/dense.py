@@ -1,0 +1,66 @@
+"""Dense correspondence: where all pixels of a frame are in others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.model_file import ModelFacts
+from decomo_runtime.queries import check_frames
+from decomo_runtime.tracks import Tracks
+
+ANSWERS = 2**28
+"""Bytes of answers that are kept at once: frames that are asked for together share the work of their queries."""
+_BYTES = 16
+"""Of one answer: place, score, and whether it is hidden."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Where all pixels of one frame are in another."""
+
+    flow: npt.NDArray[np.float32]
+    """[H, W, 2], displacement (x, y) in pixels."""
+    occluded: npt.NDArray[np.bool_]
+    """[H, W], True where the score is above the model's threshold."""
+    occlusion: npt.NDArray[np.float32]
+    """[H, W], score from 0 (surely in sight) to 1 (surely hidden)."""
+
+
+class AnyTracker(Protocol):
+    """What is asked of a `Tracker`."""
+
+    @property
+    def facts(self) -> ModelFacts:
+        """Of the clip and its model."""
+        ...
+
+    def track(
+        self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None, *, max_memory: int | None = None
+    ) -> Tracks:
+        """Follows `queries` [N, 3] to `frames` [M]."""
+        ...
+
+
+def dense_flows(
+    tracker: AnyTracker, frame: int, targets: Sequence[int], max_memory: int | None = None
+) -> Iterator[Dense]:
+    """Where each pixel of `frame` is in each frame of `targets`, in their order.
+
+    `max_memory` is that of `Tracker.track`. `QueryError` where a frame is none of the clip.
+    """
+    height, width = tracker.facts.height, tracker.facts.width
+    check_frames([frame, *targets], tracker.facts.num_frames)
+    y, x = np.indices((height, width), np.float32)
+    queries = np.stack([np.full(x.size, frame, np.float32), x.ravel(), y.ravel()], axis=1)
+    step = max(1, ANSWERS // (_BYTES * x.size))
+    for begin in range(0, len(targets), step):
+        tracks = tracker.track(queries, list(targets[begin : begin + step]), max_memory=max_memory)
+        for column in range(len(tracks.frames)):
+            flow = (tracks.xy[:, column] - queries[:, 1:]).reshape(height, width, 2)
+            occluded, occlusion = tracks.occluded[:, column], tracks.occlusion[:, column]
+            yield Dense(flow, occluded.reshape(x.shape), occlusion.reshape(x.shape))
