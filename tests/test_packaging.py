@@ -73,6 +73,7 @@ def documented_options(command: str) -> set[str]:
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     lines = [line for page in pages for block in shell_blocks(page.read_text()) for line in block]
     calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\||\s--\s", line)]
+    calls = [[f"decomo-{call[1]}", *call[2:]] if call[:1] == ["decomo"] and call[1:] else call for call in calls]
     return {word for call in calls if call[:1] == [command] for word in call[1:] if word.startswith("--")}
 
 

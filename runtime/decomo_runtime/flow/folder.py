@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
@@ -31,7 +31,7 @@ class Written:
 
 def write_flow(
     tracker: Tracker,
-    folder: str | os.PathLike[str],
+    folder: str | Path,
     origin: Origin,
     target: Target,
     *,

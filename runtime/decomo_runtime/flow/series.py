@@ -57,14 +57,14 @@ def series_of(origin: Origin, target: Target, both: bool, num_frames: int) -> li
         seconds = [first + 1 for first in firsts]
         found = [Series(NEXT, list(zip(firsts, seconds, strict=True)), firsts)]
         return found + ([Series("previous", list(zip(seconds, firsts, strict=True)), seconds)] if both else [])
-    if origin == ALL and target == ALL:
-        if both:
-            raise FlowError("--from all --to all goes in both directions already; leave out --both")
-        return [_from(each, every) for each in every]
-    if origin == ALL:
+    if isinstance(origin, int):
+        targets = [target] if isinstance(target, int) else every
+        return [_from(origin, targets)] + ([_to(origin, targets)] if both else [])
+    if isinstance(target, int):
         return [_to(target, every)] + ([_from(target, every)] if both else [])
-    targets = every if target == ALL else [target]
-    return [_from(origin, targets)] + ([_to(origin, targets)] if both else [])
+    if both:
+        raise FlowError("--from all --to all goes in both directions already; leave out --both")
+    return [_from(each, every) for each in every]
 
 
 def _from(origin: int, targets: Sequence[int]) -> Series:
