@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _PATH = click.Path(path_type=Path)
 DYNAMIC, STATIC = KINDS = ("dynamic", "static")
+SPACED = ("--mask", "--polygon", "--box")
+"""Ways of giving points that `--spacing` says how many of."""
 
 
 @click.command(context_settings={"show_default": True})
@@ -25,6 +27,12 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
 @click.option("--point", "points", metavar="T,X,Y", multiple=True, help="A point seen in frame T; may be repeated.")
 @click.option("--queries", "queries_file", metavar="CSV", type=_PATH, help="Points from a file with the header t,x,y.")
 @click.option("--grid", metavar="STEP@T", help="A point every STEP pixels of frame T.")
+@click.option("--mask", metavar="PNG@T", help="Points where this image is not black, in frame T.")
+@click.option("--polygon", metavar="X,Y,X,Y,...@T", help="Points within a polygon of frame T.")
+@click.option("--box", metavar="X,Y,W,H@T", help="Points within a box of frame T; X, Y: first column and row.")
+@click.option(
+    "--spacing", metavar="PIXELS", type=float, show_default="8", help="Of points in a --mask, --polygon or --box."
+)
 @click.option("--on", type=click.Choice(KINDS), help="Of the points, follow those on objects, or on the static scene.")
 @click.option(
     "--frames",
@@ -43,6 +51,10 @@ def track(
     points: Sequence[str],
     queries_file: Path | None,
     grid: str | None,
+    mask: str | None,
+    polygon: str | None,
+    box: str | None,
+    spacing: float | None,
     on: str | None,
     frame_range: str | None,
     out: Path,
@@ -54,8 +66,9 @@ def track(
 ) -> None:
     """Follows points through the clip that MODEL was fitted to.
 
-    MODEL is a file written by decomo-export. Give the points in one way: --point, --queries or --grid. Frames count
-    from 0; x and y are pixels of the clip, pixel centres at whole numbers.
+    MODEL is a file, or the folder of a clip of several windows, written by decomo-export. Give the points in one way:
+    --point, --queries, --grid, --mask, --polygon or --box. Frames count from 0; x and y are pixels of the clip, pixel
+    centres at whole numbers.
     """
     import time
 
@@ -69,19 +82,32 @@ def track(
     from decomotion.clip import read_clip
     from decomotion.outputs import check_not_input, check_output
 
-    if bool(points) + (queries_file is not None) + (grid is not None) != 1:
-        raise QueryError("give the points in exactly one way: --point, --queries or --grid")
+    ways = {
+        "--point": points or None,
+        "--queries": queries_file,
+        "--grid": grid,
+        "--mask": mask,
+        "--polygon": polygon,
+        "--box": box,
+    }
+    given = {option: value for option, value in ways.items() if value is not None}
+    if len(given) != 1:
+        *others, last = ways
+        raise QueryError(f"give the points in exactly one way: {', '.join(others)} or {last}")
+    if spacing is not None and not given.keys() & SPACED:
+        raise QueryError(f"--spacing goes with {', '.join(SPACED[:-1])} or {SPACED[-1]}; a --grid has its own")
     if (overlay is not None or refine) != (clip_path is not None):
         raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
     check_output("--out", out, SUFFIXES)
-    check_not_input("--out", out, model, queries_file, clip_path)
+    read = (model, queries_file, None if mask is None else Path(mask.rpartition("@")[0]), clip_path)
+    check_not_input("--out", out, *read)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
-        check_not_input("--overlay", overlay, model, queries_file, clip_path)
+        check_not_input("--overlay", overlay, *read)
 
     tracker = Tracker(model)
-    queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
+    queries = check_queries(_wanted_queries(*given.popitem(), spacing, tracker.facts), tracker.facts)
     if on is not None:
         queries = queries[tracker.on_object(queries) == (on == DYNAMIC)]
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
@@ -113,17 +139,19 @@ def track(
             click.echo(f"wrote {path}")
 
 
-def _wanted_queries(
-    points: Sequence[str], queries_file: Path | None, grid: str | None, model: ModelFacts
-) -> np.ndarray:
-    """[N, 3] rows of (t, x, y) from the one option that is given."""
+def _wanted_queries(option: str, value: Any, spacing: float | None, model: ModelFacts) -> np.ndarray:
+    """[N, 3] rows of (t, x, y), given by the value of one option."""
     from decomo_runtime.queries import grid_queries, parse_grid, parse_points, read_queries
+    from decomo_runtime.regions import box_queries, mask_queries, polygon_queries
 
-    if queries_file is not None:
-        return read_queries(queries_file)
-    if grid is not None:
-        return grid_queries(*parse_grid(grid), model.height, model.width)
-    return parse_points(points)
+    if option == "--queries":
+        return read_queries(value)
+    if option == "--grid":
+        return grid_queries(*parse_grid(value), model.height, model.width)
+    if option == "--point":
+        return parse_points(value)
+    regions = {"--mask": mask_queries, "--polygon": polygon_queries, "--box": box_queries}
+    return regions[option](value, spacing, model)
 
 
 def _share(mask: np.ndarray) -> str:

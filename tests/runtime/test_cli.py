@@ -69,6 +69,25 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
 
 
+@pytest.mark.parametrize(
+    ("region", "queries"),
+    [
+        (["--box", "8,20,9,5@3", "--spacing", "4"], [[3, x, y] for y in (20, 24) for x in (8, 12, 16)]),
+        (["--polygon", "4,6,8,6,8,10,4,10@1"], [[1, 6, 8]]),
+        (["--mask", "m.png@2", "--spacing", "2.5"], [[2, x, 7] for x in (10.25, 12.75)]),
+    ],
+)
+def test_points_in_a_region(
+    model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, region: list[str], queries: list[list[float]]
+):
+    monkeypatch.chdir(tmp_path)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[7, 10:14] = 1
+    cv2.imwrite("m.png", mask)
+    assert main([str(model_path), *region, "--out", "tracks.npz"]) == 0
+    assert Tracks.load("tracks.npz").queries.tolist() == queries
+
+
 @pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
 def test_refined_on_the_clip(
     model_path: Path,
@@ -161,6 +180,15 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
     [
         ([], "exactly one way"),
         (["--point", "0,1,2", "--grid", "8@0"], "exactly one way"),
+        (
+            ["--box", "0,1,2,3@0", "--mask", "a.png@0"],
+            "exactly one way: --point, --queries, --grid, --mask, --poly",
+        ),
+        (["--grid", "8@0", "--spacing", "4"], "--spacing goes with --mask, --polygon or --box; a --grid has its own"),
+        (["--mask", "no.png@0"], "--mask no.png cannot be read"),
+        (["--box", "48,1,2,3@0"], "--box 48,1,2,3@0 lies outside of the frame"),
+        (["--polygon", "0,0,9,0,9,9@6"], "the frame must be within 0 .. 5"),
+        (["--box", "4,1,2,3@0", "--spacing", "0"], "--spacing 0 must be at least 1 pixel"),
         (["--point", "0,1"], "--point 0,1 is not T,X,Y"),
         (["--point", "0,1,2", "--point", "0,nan,2"], "query row 1 (counted from 0; t=0, x=nan, y=2)"),
         (["--point", "6,1,2"], "t must be within 0 .. 5"),
