@@ -28,6 +28,8 @@ if TYPE_CHECKING:
         ViewError,
     )
     from decomo_runtime.flow.folder import write_flow
+    from decomo_runtime.formats.about import About
+    from decomo_runtime.formats.convert import convert
     from decomo_runtime.layers import render
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
+    "About",
     "Appearance",
     "Dense",
     "FlowError",
@@ -51,17 +54,20 @@ __all__ = [
     "Tracks",
     "TracksFileError",
     "ViewError",
+    "convert",
     "remove_objects",
     "render",
     "write_flow",
 ]
 
 _HOMES = {
+    "About": "formats.about",
     "Appearance": "model",
     "Dense": "dense",
     "ModelFacts": "model_file",
     "Tracker": "tracker",
     "Tracks": "tracks",
+    "convert": "formats.convert",
     "remove_objects": "removal",
     "render": "layers",
     "write_flow": "flow.folder",

@@ -41,7 +41,8 @@ SPACED = ("--mask", "--polygon", "--box")
     show_default="all",
     help="Frames in which to look for the points: from A up to but without B.",
 )
-@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz or .csv.")
+@click.option("--out", required=True, metavar="FILE", type=_PATH, help="Where to write the tracks: .npz, .csv, ….")
+@click.option("--to", metavar="NAME", show_default="by its ending", help="Format of --out; decomo-convert lists them.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
 @click.option("--refine", is_flag=True, help="Register what is in sight on the clip's own pixels; needs --clip.")
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
@@ -58,6 +59,7 @@ def track(
     on: str | None,
     frame_range: str | None,
     out: Path,
+    to: str | None,
     overlay: Path | None,
     refine: bool,
     clip_path: Path | None,
@@ -73,14 +75,15 @@ def track(
     import time
 
     from decomo_runtime.errors import OverlayError, QueryError
+    from decomo_runtime.formats.about import About
+    from decomo_runtime.formats.registry import format_of
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
     from decomo_runtime.queries import check_queries, parse_frames
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracker import Tracker
-    from decomo_runtime.tracks import SUFFIXES
     from decomotion.clip import read_clip
-    from decomotion.outputs import check_not_input, check_output
+    from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     ways = {
         "--point": points or None,
@@ -99,7 +102,7 @@ def track(
     if (overlay is not None or refine) != (clip_path is not None):
         raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
     check_drawing(overlay, mark, trails)
-    check_output("--out", out, SUFFIXES)
+    (check_new_folder if format_of(out, to).folder else check_output)("--out", out)
     read = (model, queries_file, None if mask is None else Path(mask.rpartition("@")[0]), clip_path)
     check_not_input("--out", out, *read)
     if overlay is not None:
@@ -121,7 +124,7 @@ def track(
     if refine and clip is not None:
         tracks = tracker.refine(tracks, clip.frames)
     seconds = time.perf_counter() - start
-    tracks.save(out)
+    tracks.save(out, to, about=About.of(tracker.facts, clip_path))
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,14 @@ from decomo_eval.dataset import Video
 from decomo_eval.errors import PredictionError
 from decomo_eval.predictions import from_npz
 from decomo_eval.tapvid import sample_queries
-from decomo_runtime import QueryError, Tracks
+from decomo_runtime import About, QueryError, Tracks
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.layouts import from_cotracker
 from decomo_runtime.queries import read_queries
 from decomotion.clip import Clip
 from decomotion.data.links.tracks import read_tracks
 from decomotion.errors import SupervisionError
-from near_misses import Arrays, answer, any_or_near, forged_npy, forged_zip, near_arrays, npy, npz
+from near_misses import Arrays, answer, any_or_near, forged_npy, forged_zip, near_arrays, near_tree, npy, npz
 
 POINTS, FRAMES, HEIGHT, WIDTH = 4, 7, 24, 40
 RANDOM = np.random.default_rng(0)
@@ -134,6 +135,27 @@ def test_tracks_as_csv(place: Path, data: st.DataObject):
     content = data.draw(any_or_near(whole) | near_csv(whole))
     (place / "a.csv").write_bytes(content)
     check_tracks(answer(lambda: Tracks.load(place / "a.csv"), TracksFileError))
+
+
+def json_of(tracks: Tracks, folder: Path) -> Any:
+    tracks.save(folder / "whole.json", about=About(fps=24))
+    return json.loads((folder / "whole.json").read_text())
+
+
+@given(data=st.data())
+def test_tracks_as_json(place: Path, data: st.DataObject):
+    whole = json_of(TRACKS, place)
+    damaged = near_tree(whole).map(lambda tree: json.dumps(tree).encode())
+    content = data.draw(any_or_near(json.dumps(whole).encode()) | damaged)
+    (place / "a.json").write_bytes(content)
+    check_tracks(answer(lambda: Tracks.load(place / "a.json"), TracksFileError))
+
+
+@pytest.mark.parametrize("clip", [{"num_frames": 10**15}, {"num_frames": 10**8}, {"fps": 1e-320}, {"fps": 1e300}])
+def test_a_clip_of_json_that_takes_all_memory(place: Path, clip: dict[str, Any]):
+    whole = json_of(TRACKS, place)
+    (place / "a.json").write_text(json.dumps({**whole, "points": [], "clip": {**whole["clip"], **clip}}))
+    assert answer(lambda: Tracks.load(place / "a.json"), TracksFileError) is None
 
 
 QUERIES_CSV = b"name,t,x,y\n" + b"".join(b"a,%d,%.1f,%.1f\n" % tuple(row) for row in QUERIES)

@@ -221,7 +221,7 @@ def test_bad_arguments(
 
 def test_bad_output(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     arguments = [model_path, "--point", "0,1,2", "--out"]
-    assert "must end in .npz or .csv" in refusal(capsys, tmp_path, *arguments, tmp_path / "a.txt")
+    assert "does not end as a file of tracks does" in refusal(capsys, tmp_path, *arguments, tmp_path / "a.xyz")
     assert "is not a folder" in refusal(capsys, tmp_path, *arguments, model_path / "a.npz")
 
 

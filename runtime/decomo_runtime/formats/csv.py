@@ -14,7 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
+from decomo_runtime.formats.about import About
 from decomo_runtime.tables import Table, opened_table
+from decomo_runtime.tracks import Tracks
 
 FORMATS = {
     "point": "%d",
@@ -35,38 +37,39 @@ _KEPT = {"point": "i4", "frame": "i4", "x": "f4", "y": "f4", "occlusion": "f4", 
 _QUERY = ("query_t", "query_x", "query_y")
 
 
-def write_csv(
-    file: TextIO,
-    *,
-    xy: npt.NDArray[np.float32],
-    occluded: npt.NDArray[np.bool_],
-    occlusion: npt.NDArray[np.float32],
-    queries: npt.NDArray[np.float32],
-    frames: npt.NDArray[np.int64],
-    times: npt.NDArray[np.float64] | None,
-) -> None:
-    """Writes the fields of `Tracks` to an open file."""
-    formats = FORMATS if times is None else FORMATS | {TIME: TIME_FORMAT}
+def write(tracks: Tracks, path: Path, _: About) -> None:
+    """A line for each point and frame; nothing of the clip's size."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        _write(file, tracks)
+
+
+def read(path: Path) -> tuple[Tracks, About]:
+    """Raises `TracksFileError` where the file is none that `write` wrote; `tables.py` says in which forms it may be."""
+    return Tracks(**_read(path)), About()
+
+
+def _write(file: TextIO, tracks: Tracks) -> None:
+    formats = FORMATS if tracks.times is None else FORMATS | {TIME: TIME_FORMAT}
     file.write(",".join(formats) + "\n")
-    points, length = occluded.shape
+    points, length = tracks.occluded.shape
     step = max(1, LINES // max(1, length))
     for begin in range(0, points if length else 0, step):
         rows = slice(begin, begin + step)
-        point, column = np.indices(occluded[rows].shape).reshape(2, -1)
+        point, column = np.indices(tracks.occluded[rows].shape).reshape(2, -1)
         columns = [
             begin + point,
-            frames[column],
-            xy[rows].reshape(-1, 2),
-            occlusion[rows].ravel(),
-            occluded[rows].ravel(),
-            queries[rows][point],
-            *([] if times is None else [times[column]]),
+            tracks.frames[column],
+            tracks.xy[rows].reshape(-1, 2),
+            tracks.occlusion[rows].ravel(),
+            tracks.occluded[rows].ravel(),
+            tracks.queries[rows][point],
+            *([] if tracks.times is None else [tracks.times[column]]),
         ]
         np.savetxt(file, np.column_stack(columns), fmt=",".join(formats.values()))
 
 
-def read_csv(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """The fields of `Tracks` by name. Raises `TracksFileError` where the file is none that `write_csv` wrote."""
+def _read(path: Path) -> dict[str, Any]:
+    """The fields of `Tracks` by name."""
     try:
         with opened_table(path) as table:
             if any(table.columns.count(name) != 1 for name in FORMATS) or table.columns.count(TIME) > 1:

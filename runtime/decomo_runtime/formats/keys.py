@@ -1,0 +1,101 @@
+"""Tracks as tools with keyframes take them: by point, only where it is in sight, in the tool's frames and coordinates.
+
+Most tools count pixels from a corner of the frame, edge to edge, so that the first pixel's centre is at 0.5:
+`from_top_left` and `from_bottom_left`.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from decomo_runtime.errors import TracksFileError
+from decomo_runtime.formats.about import About
+from decomo_runtime.tracks import Tracks
+
+log = logging.getLogger(__name__)
+
+Places = npt.NDArray[np.float64]
+_SECONDS = 2
+"""Before a bar is shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keys:
+    """One point where it is in sight."""
+
+    name: str
+    """Of letters, digits, dots, dashes and underscores; no two points have the same, not even in capitals."""
+    numbers: npt.NDArray[np.int64]
+    """[K], frame numbers of the tool, rising."""
+    xy: Places
+    """[K, 2], as `Tracks.xy`."""
+    all_numbers: npt.NDArray[np.int64]
+    """[M], of all frames in which the point was looked for, rising."""
+
+    def starts(self) -> npt.NDArray[np.bool_]:
+        """[K], True where the frame before this one has no key."""
+        return np.diff(self.numbers, prepend=self.numbers[0] - 2) != 1
+
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """[M], True in the frames that have a key."""
+        return np.isin(self.all_numbers, self.numbers)
+
+
+def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
+    """The points that are in sight anywhere; a line tells of those that are not. `first`: see `About.numbers`.
+
+    Raises `TracksFileError` where a point in sight has no finite place.
+    """
+    frames, columns = np.unique(tracks.frames, return_index=True)
+    numbers = about.numbers(frames, first)
+    in_sight = ~tracks.occluded[:, columns]
+    names = plain_names(about.names(len(tracks.xy)))
+    points = []
+    for point in np.flatnonzero(in_sight.any(axis=1)).tolist():
+        seen = in_sight[point]
+        xy = tracks.xy[point, columns[seen]].astype(np.float64)
+        if not np.isfinite(xy).all():
+            raise TracksFileError(f"point {point} (counted from 0) is in sight at no finite place; mend the tracks")
+        points.append(Keys(names[point], numbers[seen], xy, numbers))
+    missing = len(names) - len(points)
+    if not points:
+        raise TracksFileError("no point is in sight in any of the frames, so that there are no keys to write")
+    if missing:
+        log.info("%d of %d points are in sight in none of the frames and are left out", missing, len(names))
+    return points
+
+
+def shown(points: Sequence[Keys]) -> Iterator[Keys]:
+    """The points one by one, with a bar on a terminal where there are many."""
+    return iter(tqdm(points, "points", delay=_SECONDS, leave=False, disable=None))
+
+
+def from_top_left(xy: Places) -> Places:
+    """x to the right and y down from the frame's top left corner, in pixels."""
+    return xy + 0.5
+
+
+def from_bottom_left(xy: Places, height: int) -> Places:
+    """x to the right and y up from the frame's bottom left corner, in pixels."""
+    return np.stack([xy[:, 0] + 0.5, height - 0.5 - xy[:, 1]], axis=1)
+
+
+def plain_names(names: Sequence[str]) -> list[str]:
+    """Names without what some tool cannot read: other characters become underscores, and equal names get a number."""
+    used: set[str] = set()
+    plain = []
+    for name in names:
+        wanted = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("._-") or "point"
+        unique, number = wanted, 2
+        while unique.lower() in used:
+            unique, number = f"{wanted}_{number}", number + 1
+        used.add(unique.lower())
+        plain.append(unique)
+    return plain

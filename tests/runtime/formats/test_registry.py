@@ -1,0 +1,234 @@
+"""The table of formats, what is asked of the caller, and what is refused."""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decomo_runtime import About, TracksFileError
+from decomo_runtime.formats import registry
+from decomo_runtime.formats.keys import plain_names
+from decomo_runtime.formats.registry import FORMATS, TracksFormat, format_of, read
+from known_tracks import known_tracks
+
+DOCS = Path(__file__).parents[3] / "docs" / "convert.md"
+KEYED = [
+    format_of(Path(name), to)
+    for name, to in (
+        *(("a.nk", "nuke"), ("a.nk", "nuke-corner-pin"), ("a.txt", "after-effects"), ("a", "after-effects-layers")),
+        *(("a.py", "blender"), ("a.txt", "3dequalizer"), ("a.txt", "syntheyes"), ("a.txt", "pftrack")),
+    )
+]
+"""Formats of tools with keyframes, or gaps."""
+
+
+@pytest.mark.parametrize("each", FORMATS, ids=lambda each: each.name)
+def test_a_line_says_what_its_module_does(each: TracksFormat):
+    module = import_module(f"decomo_runtime.formats.{each.module}")
+    assert callable(module.write)
+    assert hasattr(module, "read") == each.reads
+    assert re.fullmatch(r"[a-z0-9-]+", each.name)
+    assert all(re.fullmatch(r"\.[a-z0-9]+", ending) for ending in each.endings)
+    assert each.folder == (not each.endings)
+
+
+def test_names_are_different():
+    assert len({each.name for each in FORMATS}) == len(FORMATS)
+
+
+def test_the_documentation_has_a_row_for_each():
+    rows = re.findall(r"^\| `([a-z0-9-]+)` \|", DOCS.read_text(), re.MULTILINE)
+    assert sorted(rows) == sorted(each.name for each in FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("name", "to", "found"),
+    [
+        *(("a.npz", None, "npz"), ("A.CSV", None, "csv"), ("a.json", None, "json"), ("a.nk", None, "nuke")),
+        *(("a.nk", "nuke-corner-pin", "nuke-corner-pin"), ("a.py", None, "blender"), ("a.txt", "pftrack", "pftrack")),
+        ("folder", "after-effects-layers", "after-effects-layers"),
+    ],
+)
+def test_which_format(name: str, to: str | None, found: str):
+    assert format_of(Path(name), to).name == found
+
+
+@pytest.mark.parametrize(
+    ("name", "to", "words"),
+    [
+        ("a.txt", None, r"several things by its ending; say which with --to \(to= in Python\): after-effects, 3deq"),
+        ("a.xyz", None, r"a\.xyz does not end as a file of tracks does; give an ending of .*\.nk, .*, or say --to"),
+        ("a", None, "a does not end as a file of tracks does"),
+        ("a.nk", "nuk", "nuk is no format of tracks; there are npz, csv, json, nuke"),
+        ("a.txt", "nuke", r"a\.txt: nuke is written as \.nk; give a name with that ending"),
+        ("a.txt", "after-effects-layers", r"after-effects-layers is written as folder; give a name without an ending"),
+    ],
+)
+def test_no_format(name: str, to: str | None, words: str, tmp_path: Path):
+    with pytest.raises(TracksFileError, match=words):
+        known_tracks().save(tmp_path / name, to)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_read(tmp_path: Path):
+    with pytest.raises(TracksFileError, match=r"a\.nk is not a file of tracks by its ending; give \.npz or \.csv"):
+        read(tmp_path / "a.nk")
+
+
+def test_a_library_of_an_extra_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "needy.py").write_text("def write(tracks, path, about):\n    import no_such_library.part\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "import_module", lambda name: import_module(name.rpartition(".")[2]))
+    needy = TracksFormat("needy", "needy", (".x",), "a test", extra="colmap")
+    with pytest.raises(
+        TracksFileError,
+        match=r"^needy needs no_such_library, which is not installed; run: pip install 'decomotion\[colmap\]'$",
+    ):
+        needy.write(known_tracks(), tmp_path / "a.x", About())
+    with pytest.raises(ModuleNotFoundError):
+        replace(needy, extra=None).write(known_tracks(), tmp_path / "a.x", About())
+    assert not (tmp_path / "a.x").exists()
+
+
+class TestWhatIsKnown:
+    def test_size_and_rate_come_from_the_tracks(self, tmp_path: Path):
+        known_tracks().save(tmp_path / "a.txt", "after-effects")
+        known_tracks(sized=False, timed=False).save(
+            tmp_path / "b.txt", "after-effects", about=About(size=(360, 640), fps=25)
+        )
+        assert (tmp_path / "a.txt").read_text() == (tmp_path / "b.txt").read_text()
+
+    def test_the_rate_of_every_second_frame(self, tmp_path: Path):
+        tracks = known_tracks()
+        assert tracks.times is not None
+        half = replace(
+            tracks,
+            **{name: getattr(tracks, name)[:, ::2] for name in ("xy", "occluded", "occlusion")},
+            frames=tracks.frames[::2],
+            times=tracks.times[::2],
+        )
+        half.save(tmp_path / "a.txt", "after-effects")
+        assert "\tUnits Per Second\t25\n" in (tmp_path / "a.txt").read_text()
+
+    @pytest.mark.parametrize("each", KEYED, ids=lambda each: each.name)
+    def test_size_is_asked_for(self, each: TracksFormat, tmp_path: Path):
+        tracks = known_tracks(sized=False)
+        if each.name == "nuke-corner-pin":
+            tracks = four(tracks)
+        path = tmp_path / ("a" + "".join(each.endings))
+        with pytest.raises(TracksFileError, match="do not say the clip's size; give --size WIDTHxHEIGHT"):
+            tracks.save(path, each.name)
+        assert not list(tmp_path.iterdir())
+
+    def test_rate_is_asked_for(self, tmp_path: Path):
+        with pytest.raises(TracksFileError, match="do not say the clip's frame rate; give --fps"):
+            known_tracks(timed=False).save(tmp_path / "a.txt", "after-effects")
+        one = replace(
+            known_tracks(),
+            **{name: getattr(known_tracks(), name)[:, :1] for name in ("xy", "occluded", "occlusion")},
+            frames=np.array([0]),
+            times=np.array([0.0]),
+        )
+        with pytest.raises(TracksFileError, match="do not say the clip's frame rate"):
+            one.save(tmp_path / "a.txt", "after-effects")
+
+    @pytest.mark.parametrize(
+        ("about", "words"),
+        [
+            (About(size=(480, 640)), "in frames of 640x360 but those of the clip are 640x480"),
+            (About(length=4), "reach frame 4 but the clip has 4 frames, from 0"),
+        ],
+    )
+    def test_another_clip(self, about: About, words: str, tmp_path: Path):
+        with pytest.raises(TracksFileError, match=words):
+            known_tracks().save(tmp_path / "a.nk", about=about)
+
+    def test_another_clip_of_a_csv(self, tmp_path: Path):
+        with pytest.raises(TracksFileError, match=r"point 2 .* at \(5, 5\), outside of frames of 640x5; give the clip"):
+            known_tracks(sized=False).save(tmp_path / "a.nk", about=About(size=(5, 640)))
+
+
+def four(tracks):
+    """The middle point's neighbours, four corners that never move."""
+    xy = np.tile(np.array([[10, 10], [90, 12], [88, 70], [9, 75]], np.float32)[:, None], (1, 5, 1))
+    queries = np.concatenate([np.zeros((4, 1), np.float32), xy[:, 0]], axis=1)
+    seen = np.zeros((4, 5), bool)
+    return replace(tracks, xy=xy, occluded=seen, occlusion=seen.astype(np.float32), queries=queries)
+
+
+class TestKeys:
+    @pytest.mark.parametrize("each", KEYED, ids=lambda each: each.name)
+    def test_points_that_are_never_in_sight(self, each: TracksFormat, tmp_path: Path, caplog: pytest.LogCaptureFixture):
+        if each.name == "nuke-corner-pin":
+            return
+        path = tmp_path / ("a" + "".join(each.endings))
+        with caplog.at_level(logging.INFO, "decomo_runtime"):
+            known_tracks().save(path, each.name)
+        assert caplog.messages == ["1 of 3 points are in sight in none of the frames and are left out"]
+
+    def test_nothing_in_sight(self, tmp_path: Path):
+        tracks = known_tracks()
+        with pytest.raises(TracksFileError, match="no point is in sight in any of the frames"):
+            replace(tracks, occluded=np.ones_like(tracks.occluded)).save(tmp_path / "a.nk")
+
+    def test_a_place_that_is_none(self, tmp_path: Path):
+        tracks = known_tracks()
+        tracks.xy[1, 3, 0] = np.nan
+        with pytest.raises(TracksFileError, match=r"point 1 .* is in sight at no finite place"):
+            tracks.save(tmp_path / "a.nk")
+
+    def test_frames_in_another_order(self, tmp_path: Path):
+        tracks, order = known_tracks(), [3, 1, 4, 0, 2, 3]
+        mixed = replace(
+            tracks,
+            **{name: getattr(tracks, name)[:, order] for name in ("xy", "occluded", "occlusion")},
+            frames=tracks.frames[order],
+            times=None,
+        )
+        tracks.save(tmp_path / "a.nk")
+        mixed.save(tmp_path / "b.nk")
+        assert (tmp_path / "a.nk").read_text() == (tmp_path / "b.nk").read_text()
+
+    def test_names(self):
+        given = ["Point 1", "Point 1", "Point_1_2", " ", "", "ö", 'a"b\\[c]{d}$', "..", "a.b-C_9", "POINT 1"]
+        assert plain_names(given) == [
+            *("Point_1", "Point_1_2", "Point_1_2_2", "point", "point_2", "point_3", "a_b_c_d", "point_4", "a.b-C_9"),
+            "POINT_1_3",
+        ]
+
+    def test_numbered_names_sort_as_they_count(self):
+        names = About().names(1200)
+        assert names[:2] == ["point_0000", "point_0001"]
+        assert sorted(names) == names
+
+
+class TestCornerPin:
+    def test_other_numbers_of_points(self, tmp_path: Path):
+        with pytest.raises(TracksFileError, match="is made of 4 points, the corners, but the tracks have 3"):
+            known_tracks().save(tmp_path / "a.nk", "nuke-corner-pin")
+
+    def test_no_quadrangle(self, tmp_path: Path):
+        tracks = four(known_tracks())
+        tracks.xy[2] = (40, 30)
+        with pytest.raises(TracksFileError, match="in frame 1 of Nuke one of the points lies within the triangle"):
+            tracks.save(tmp_path / "a.nk", "nuke-corner-pin")
+
+    def test_never_together(self, tmp_path: Path):
+        tracks = four(known_tracks())
+        tracks.occluded[0, :3] = tracks.occluded[1, 3:] = True
+        with pytest.raises(TracksFileError, match="needs a frame in which all 4 points are in sight"):
+            tracks.save(tmp_path / "a.nk", "nuke-corner-pin")
+
+
+def test_a_full_folder_is_not_written_into(tmp_path: Path):
+    (tmp_path / "layers").mkdir()
+    (tmp_path / "layers" / "mine.txt").write_text("kept")
+    with pytest.raises(OSError, match="not empty"):
+        known_tracks().save(tmp_path / "layers", "after-effects-layers")
+    assert [file.name for file in (tmp_path / "layers").iterdir()] == ["mine.txt"]
