@@ -1,0 +1,122 @@
+"""COCO keypoints: an annotation for each image, with (x, y, visibility) of each point.
+
+Visibility is 2 where a point is in sight, 1 where it is hidden and its place is told all the same, 0 where it has none.
+Pixel centres are at whole numbers. What a frame's number is, COCO does not say: here it is `frame_id`, from 0, as in
+data sets of videos.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from decomo_runtime.errors import QueryError
+from decomo_runtime.keypoints import Keypoints
+
+HIDDEN, IN_SIGHT = 1, 2
+
+
+def read_keypoints(path: Path, files: Sequence[str] = (), first: int | None = None) -> Keypoints:
+    """The keypoints of a .json; a hidden one has the score 0.
+
+    The frame of an image is its `frame_id`; else the place of its name among `files`, the names of the clip's frames;
+    else the number at the end of its name, less `first`. A name is that of the keypoint, behind its category and track
+    where there are several objects. `QueryError` where the file has no keypoints, or does not tell frames or objects
+    apart.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        images = {image["id"]: image for image in content["images"]}
+        annotations = [
+            each
+            for each in content["annotations"]
+            if any(each.get("keypoints", ())) and each["image_id"] in images and not each.get("iscrowd")
+        ]
+        labels = {each["id"]: _labels(each) for each in content["categories"]}
+        frames = _frames(path, [images[each["image_id"]] for each in annotations], files, first)
+        return _keypoints(path, annotations, labels, frames)
+    except QueryError:
+        raise
+    except OSError as error:
+        raise QueryError(f"{path} cannot be read ({error.strerror}); give a .json of COCO keypoints") from error
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise QueryError(
+            f"{path} does not hold COCO keypoints ({type(error).__name__}: {error}); give another"
+        ) from error
+
+
+def _labels(category: dict[str, Any]) -> tuple[str, list[str]]:
+    """Of a category: its name, and those of its keypoints."""
+    return str(category.get("name", category["id"])), [str(name) for name in category.get("keypoints", ())]
+
+
+def _frames(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str], first: int | None) -> list[int]:
+    if all("frame_id" in image for image in images):
+        return [int(image["frame_id"]) for image in images]
+    names = [Path(image["file_name"]).name for image in images]
+    if files and set(names) <= set(files):
+        return [list(files).index(name) for name in names]
+    found = [re.search(r"(\d+)\D*$", Path(name).stem) for name in names]
+    numbers = [int(number[1]) for number in found if number is not None]
+    if len(numbers) < len(names) or (first is None and min(numbers) > 0):
+        raise QueryError(
+            f"{path}: the images ({names[0]}, ...) do not tell which frames of the clip they are; give the clip's "
+            "folder of such files, or the number that its first frame has in their names"
+        )
+    return [number - (first or 0) for number in numbers]
+
+
+def _keypoints(
+    path: Path,
+    annotations: Sequence[dict[str, Any]],
+    labels: dict[Any, tuple[str, list[str]]],
+    frames: Sequence[int],
+) -> Keypoints:
+    if not annotations:
+        raise QueryError(f"{path} holds no keypoints; give a .json of COCO keypoints")
+    objects = _objects(path, annotations, labels, frames)
+    several = len(set(objects)) > 1
+    columns = {frame: column for column, frame in enumerate(sorted(set(frames)))}
+    rows: list[tuple[int, int, float, float, float]] = []
+    names: dict[str, int] = {}
+    for annotation, frame, owner in zip(annotations, frames, objects, strict=True):
+        values = np.array(annotation["keypoints"], np.float64).reshape(-1, 3)
+        given = labels[annotation["category_id"]][1]
+        for number, (x, y, seen) in enumerate(values):
+            name = given[number] if number < len(given) else f"point_{number:02}"
+            row = names.setdefault(f"{owner}.{name}" if several else name, len(names))
+            if seen >= HIDDEN:
+                rows.append((row, columns[frame], x, y, float(seen == IN_SIGHT)))
+    xy, score = np.full((len(names), len(columns), 2), np.nan), np.zeros((len(names), len(columns)))
+    for row, column, x, y, seen in rows:
+        xy[row, column], score[row, column] = (x, y), seen
+    return Keypoints(tuple(names), np.array(list(columns), np.int64), xy, score)
+
+
+def _objects(
+    path: Path,
+    annotations: Sequence[dict[str, Any]],
+    labels: dict[Any, tuple[str, list[str]]],
+    frames: Sequence[int],
+) -> list[str]:
+    """The object that each annotation is of, by its category and its track, or number, where one image has them all."""
+    tracks = [each.get("track_id", each.get("attributes", {}).get("track_id")) for each in annotations]
+    told = list(zip([each["category_id"] for each in annotations], tracks, frames, strict=True))
+    if len(set(told)) == len(told):
+        numbers = tracks
+    elif len(set(frames)) == 1:
+        numbers = list(range(1, len(annotations) + 1))
+    else:
+        raise QueryError(
+            f"{path}: an image has several objects and no track_id tells them apart; give each annotation a "
+            "track_id, or a file with one image"
+        )
+    return [
+        labels[each["category_id"]][0] + ("" if number is None else str(number))
+        for each, number in zip(annotations, numbers, strict=True)
+    ]

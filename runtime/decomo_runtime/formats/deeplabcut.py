@@ -1,0 +1,163 @@
+"""DeepLabCut's tables: predictions, a row for each frame of the video, and labels, a row for each labelled image.
+
+Columns are named by `scorer`, (`individuals`,) `bodyparts` and `coords`: x, y and, of predictions, likelihood. Pixel
+centres are at whole numbers, frames count from 0. An image is named by its frame: img0012.png.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import pickle
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decomo_runtime.errors import QueryError
+from decomo_runtime.keypoints import Keypoints
+from decomo_runtime.tables import opened_table
+
+LEVELS = ("scorer", "individuals", "bodyparts", "coords")
+"""Of the header, from the top; `individuals` is absent where there is one animal."""
+KEY = "df_with_missing"
+"""Of the table in an h5 file."""
+_GIVE = "give one that DeepLabCut wrote"
+
+
+@dataclass(frozen=True)
+class _Table:
+    levels: Sequence[str]
+    columns: Sequence[tuple[str, ...]]
+    index: Sequence[str]
+    values: npt.NDArray[np.float64]
+    """[row, column]."""
+
+
+def read_keypoints(path: Path) -> Keypoints:
+    """The points of a .csv, or of an .h5 (with the extra `pose`), labels or predictions.
+
+    A name is that of the body part, behind that of its individual where there are several. `QueryError` where the file
+    is none of DeepLabCut's.
+    """
+    try:
+        table = _from_h5(path) if path.suffix.lower() == ".h5" else _from_csv(path)
+        return _keypoints(path, table)
+    except OSError as error:
+        raise QueryError(f"{path} cannot be read ({error.strerror or error}); {_GIVE}") from error
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError, EOFError, pickle.UnpicklingError) as error:
+        if isinstance(error, QueryError):
+            raise
+        raise QueryError(f"{path} is not a table of DeepLabCut ({error}); {_GIVE}") from error
+
+
+def _from_csv(path: Path) -> _Table:
+    with opened_table(path) as opened:
+        head, separator = opened.columns, opened.separator
+        if not head or head[0] != LEVELS[0]:
+            raise ValueError("it does not begin with 'scorer'")
+        rows = list(csv.reader(opened.lines, delimiter=separator))
+    names = [row[0] if row else "" for row in rows[:3]]
+    count = names.index("coords") + 1 if "coords" in names else 0
+    levels = ("scorer", *names[:count])
+    if levels not in (LEVELS, (LEVELS[0], *LEVELS[2:])):
+        raise ValueError("its header is not scorer, bodyparts, coords")
+    head_rows, body = rows[:count], [row for row in rows[count:] if any(row)]
+    indexed = next((place for place, name in enumerate(head_rows[-1][1:], 1) if name), len(head_rows[-1]))
+    if any(len(row) != len(head) for row in head_rows + body):
+        raise ValueError("its lines are not equally long")
+    columns = list(zip(*[head[indexed:], *[row[indexed:] for row in head_rows]], strict=True))
+    values = [[float(opened.number(cell)) if cell.strip() else np.nan for cell in row[indexed:]] for row in body]
+    index = [row[indexed - 1] for row in body]
+    return _Table(levels, columns, index, np.array(values, np.float64).reshape(len(body), len(columns)))
+
+
+def _from_h5(path: Path) -> _Table:
+    """pandas itself would run code that such a file may hold; here names are read, and nothing is called."""
+    try:
+        h5py = import_module("h5py")
+    except ModuleNotFoundError as error:
+        raise QueryError(f"{path} needs h5py, which is not installed; run: pip install 'decomotion[pose]'") from error
+    with h5py.File(path) as file:
+        groups = [group for group in file.values() if "pandas_type" in group.attrs]
+        if len(groups) != 1:
+            raise ValueError("it does not hold one table of pandas")
+        group = groups[0]
+        if "table" in group:
+            columns = _plain(group.attrs["non_index_axes"])[0][1]
+            rows = group["table"][()]
+            if "values_block_1" in rows.dtype.names:
+                raise ValueError("its columns are of several types")
+            index, values = [str(number) for number in rows["index"]], rows["values_block_0"]
+        else:
+            if group.attrs["nblocks"] != 1:
+                raise ValueError("its columns are of several types")
+            columns, values = list(zip(*_levels(group, "axis0"), strict=True)), group["block0_values"][()]
+            index = _levels(group, "axis1")[-1] if "axis1_level0" in group else [_text(cell) for cell in group["axis1"]]
+    levels = LEVELS if len(columns[0]) == len(LEVELS) else (LEVELS[0], *LEVELS[2:])
+    return _Table(levels, columns, index, np.asarray(values, np.float64))
+
+
+def _levels(group: Any, axis: str) -> list[list[str]]:
+    """Of a MultiIndex: its names, level by level."""
+    levels = []
+    while f"{axis}_level{len(levels)}" in group:
+        names = [_text(name) for name in group[f"{axis}_level{len(levels)}"]]
+        levels.append([names[number] for number in group[f"{axis}_label{len(levels)}"]])
+    return levels
+
+
+def _text(name: Any) -> str:
+    return name.decode() if isinstance(name, bytes) else str(name)
+
+
+class _Plain(pickle.Unpickler):
+    """Lists, tuples, text and numbers: what else a pickle may ask for has to be looked up, which is refused."""
+
+    def find_class(self, module_name: str, global_name: str, /) -> Any:
+        raise pickle.UnpicklingError(f"its names are made by {module_name}.{global_name}, which is not run")
+
+
+def _plain(pickled: Any) -> Any:
+    return _Plain(io.BytesIO(pickled if isinstance(pickled, bytes) else bytes(pickled))).load()
+
+
+def _keypoints(path: Path, table: _Table) -> Keypoints:
+    places: dict[tuple[str, str], dict[str, int]] = {}
+    for number, column in enumerate(table.columns):
+        named = dict(zip(table.levels, column, strict=True))
+        coords = places.setdefault((named.get("individuals", ""), named["bodyparts"]), {})
+        if named["coords"] in coords:
+            raise ValueError(f"{named['bodyparts']} is there twice")
+        coords[named["coords"]] = number
+    if any(not {"x", "y"} <= coords.keys() <= {"x", "y", "likelihood"} for coords in places.values()):
+        raise ValueError("its coords are not x, y and likelihood")
+    several = len({individual for individual, _ in places}) > 1
+    names = [f"{individual}.{part}" if several else part for individual, part in places]
+    frames = np.array([_frame(path, cell) for cell in table.index], np.int64)
+    order = np.argsort(frames, kind="stable")
+    if (np.diff(frames[order]) == 0).any():
+        raise ValueError("a frame is there twice")
+    values = table.values[order]
+    xy = np.array([values[:, [coords["x"], coords["y"]]] for coords in places.values()]).reshape(-1, len(frames), 2)
+    there = np.isfinite(xy).all(axis=-1)
+    score = [
+        values[:, coords["likelihood"]] if "likelihood" in coords else np.ones(len(frames))
+        for coords in places.values()
+    ]
+    return Keypoints(
+        tuple(names), frames[order], xy, np.where(there, np.nan_to_num(np.array(score).reshape(there.shape)), 0.0)
+    )
+
+
+def _frame(path: Path, cell: str) -> int:
+    """Of a row: its number, or the one in the name of its image."""
+    found = re.fullmatch(r"(\d+)", cell.strip()) or re.search(r"(\d+)\.\w+$", cell.strip())
+    if found is None:
+        raise QueryError(f"{path}: the row {cell!r} does not tell its frame; {_GIVE}, with images as img0012.png")
+    return int(found[1])
