@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from decomo_runtime.chunks import query_chunks
 from decomo_runtime.dense import Dense, dense_flows
+from decomo_runtime.expected_error import expected_error
 from decomo_runtime.journey import follow
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import Providers
@@ -119,7 +120,8 @@ class Tracker:
         xy, occlusion = follow(self._models, queries, frames, chunk, max_memory)
         size = self.height, self.width
         occluded = occlusion > self.occlusion_threshold
-        return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])
+        error = expected_error(occlusion, queries, frames, self.facts)
+        return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames], error=error)
 
     def stream(
         self,

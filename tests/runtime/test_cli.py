@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Callable
 from fractions import Fraction
@@ -86,6 +87,57 @@ def test_points_in_a_region(
     cv2.imwrite("m.png", mask)
     assert main([str(model_path), *region, "--out", "tracks.npz"]) == 0
     assert Tracks.load("tracks.npz").queries.tolist() == queries
+
+
+DEEPLABCUT = """\
+scorer,net,net,net,net,net,net
+bodyparts,nose,nose,nose,tail,tail,tail
+coords,x,y,likelihood,x,y,likelihood
+1,10.5,20.25,0.7,30,31,0.8
+3,11.5,21.25,0.95,32,33,0.7
+"""
+
+
+@pytest.mark.parametrize(
+    ("at", "queries"), [("", [[3, 11.5, 21.25], [1, 30, 31]]), ("@1", [[1, 10.5, 20.25], [1, 30, 31]])]
+)
+def test_keypoints_keep_their_names(model_path: Path, tmp_path: Path, at: str, queries: list[list[float]]):
+    (tmp_path / "dog@home.csv").write_text(DEEPLABCUT)
+    arguments = ["--points-from", f"{tmp_path / 'dog@home.csv'}{at}", "--out", str(tmp_path / "t.json")]
+    assert main([str(model_path), *arguments]) == 0
+    saved = json.loads((tmp_path / "t.json").read_text())
+    assert [point["name"] for point in saved["points"]] == ["nose", "tail"]
+    assert [[point[key] for key in "txy"] for point in saved["points"]] == queries
+
+
+def test_keypoints_on_objects_only_keep_theirs(model_path: Path, tmp_path: Path):
+    """The tiny model's static confidence is t / 6: at frame 3 it is 0.5, not below."""
+    (tmp_path / "dog.csv").write_text(DEEPLABCUT)
+    arguments = ["--points-from", str(tmp_path / "dog.csv"), "--on", "dynamic", "--out", str(tmp_path / "t.json")]
+    assert main([str(model_path), *arguments]) == 0
+    assert [point["name"] for point in json.loads((tmp_path / "t.json").read_text())["points"]] == ["tail"]
+
+
+def test_keypoints_of_images_that_are_named_as_the_clip_s(model_path: Path, clip_path: Path, tmp_path: Path):
+    """Of files a.png to f.png the third is frame 2."""
+    for number in range(NUM_FRAMES):
+        (clip_path / f"{number}.png").rename(clip_path / f"{'abcdef'[number]}.png")
+    coco = {
+        "images": [{"id": 7, "file_name": "c.png"}],
+        "annotations": [{"id": 1, "image_id": 7, "category_id": 1, "keypoints": [5.5, 6, 2]}],
+        "categories": [{"id": 1, "name": "dog", "keypoints": ["nose"]}],
+    }
+    (tmp_path / "coco.json").write_text(json.dumps(coco))
+    arguments = [
+        "--points-from",
+        str(tmp_path / "coco.json"),
+        "--clip",
+        str(clip_path),
+        "--out",
+        str(tmp_path / "t.npz"),
+    ]
+    assert main([str(model_path), *arguments]) == 0
+    assert Tracks.load(tmp_path / "t.npz").queries.tolist() == [[2, 5.5, 6]]
 
 
 @pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
@@ -186,6 +238,8 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
         ),
         (["--grid", "8@0", "--spacing", "4"], "--spacing goes with --mask, --polygon or --box; a --grid has its own"),
         (["--mask", "no.png@0"], "--mask no.png cannot be read"),
+        (["--points-from", "no.csv"], "no.csv cannot be read"),
+        (["--points-from", "points.txt@2"], "points.txt is no file of keypoints by its ending"),
         (["--box", "48,1,2,3@0"], "--box 48,1,2,3@0 lies outside of the frame"),
         (["--polygon", "0,0,9,0,9,9@6"], "the frame must be within 0 .. 5"),
         (["--box", "4,1,2,3@0", "--spacing", "0"], "--spacing 0 must be at least 1 pixel"),
@@ -197,9 +251,9 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
         (["--grid", "8@9"], "t must be within 0 .. 5"),
         (["--queries", "no.csv"], "no.csv cannot be read"),
         (["--point", "0,1,2", "--frames", "5:9"], "--frames 5:9 must select frames within 0:6"),
-        (["--point", "0,1,2", "--overlay", "a.mp4"], "--clip goes with --overlay or --refine"),
-        (["--point", "0,1,2", "--refine"], "--clip goes with --overlay or --refine"),
-        (["--point", "0,1,2", "--clip", "slide"], "--clip goes with --overlay or --refine"),
+        (["--point", "0,1,2", "--overlay", "a.mp4"], "--clip goes with --overlay, --refine or --points-from"),
+        (["--point", "0,1,2", "--refine"], "--clip goes with --overlay, --refine or --points-from"),
+        (["--point", "0,1,2", "--clip", "slide"], "--clip goes with --overlay, --refine or --points-from"),
         (["--point", "0,1,2", "--refine", "--clip", "no"], "no does not exist"),
         (["--point", "0,1,2", "--overlay", "a.avi", "--clip", "slide"], "--overlay a.avi must end in .mp4"),
         (["--point", "0,1,2", "--overlay", "a.mp4", "--clip", "no"], "no does not exist"),
