@@ -140,7 +140,7 @@ def read_clip(path: str | Path) -> Clip:
     Raises `ClipError` where there are fewer than two frames, frames of different sizes, a file of a folder that does
     not decode as far as its header tells, or files that can be read as two clips or in two orders.
     """
-    path, begin, end = _split(Path(path))
+    path, begin, end = clip_part(Path(path))
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
     name = _folder_name(path) if path.is_dir() else path.stem
@@ -169,8 +169,11 @@ def read_clip(path: str | Path) -> Clip:
     return clip
 
 
-def _split(path: Path) -> tuple[Path, int, int | None]:
-    """The path of a clip, the first frame that is wanted of it, and the one after the last; None: all."""
+def clip_part(path: Path) -> tuple[Path, int, int | None]:
+    """The path of a clip without its `@A:B`, the first frame that is wanted of it, and the one after the last.
+
+    None: all. Raises `ClipError` where these are not two or more.
+    """
     part = re.fullmatch(r"(.+)@(\d+):(\d+)", str(path))
     if part is None or path.exists():
         return path, 0, None

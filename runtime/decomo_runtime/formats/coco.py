@@ -14,11 +14,58 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError
+from decomo_runtime.formats.about import About
+from decomo_runtime.formats.frames import image_names, in_frame, in_order, unique_names
 from decomo_runtime.keypoints import Keypoints
+from decomo_runtime.tracks import Tracks
 
 HIDDEN, IN_SIGHT = 1, 2
+_DECIMALS = 4
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """All points are keypoints of one object; where one is out of the frame, it has no place.
+
+    Boxes are those of the placed points' pixels; a frame without one has no annotation. Raises `TracksFileError` where
+    the clip's size is not known.
+    """
+    tracks = in_order(tracks)
+    names = image_names(about, tracks.frames)
+    images = [
+        {"id": number, "file_name": name, "width": about.width, "height": about.height, "frame_id": frame}
+        for number, (name, frame) in enumerate(zip(names, tracks.frames.tolist(), strict=True), 1)
+    ]
+    visibility = np.where(in_frame(tracks, about), np.where(tracks.occluded, HIDDEN, IN_SIGHT), 0)
+    annotations = [
+        _annotation(image["id"], tracks.xy[:, column].astype(np.float64), visibility[:, column])
+        for column, image in enumerate(images)
+        if visibility[:, column].any()
+    ]
+    keypoints = unique_names(about.names(len(tracks.xy)))
+    category = {"id": 1, "name": about.name, "supercategory": "", "keypoints": keypoints, "skeleton": []}
+    content = {"images": images, "annotations": annotations, "categories": [category]}
+    path.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+
+
+def _annotation(image: int, xy: npt.NDArray[np.float64], visibility: npt.NDArray[np.int64]) -> dict[str, Any]:
+    placed = visibility > 0
+    left, top = xy[placed].min(axis=0)
+    width, height = xy[placed].max(axis=0) - (left, top) + 1
+    keypoints = np.column_stack([np.where(placed[:, None], xy, 0), visibility])
+    return {
+        "id": image,
+        "image_id": image,
+        "category_id": 1,
+        "track_id": 1,
+        "keypoints": [round(value, _DECIMALS) for value in keypoints.ravel().tolist()],
+        "num_keypoints": int(placed.sum()),
+        "bbox": [round(float(value), _DECIMALS) for value in (left, top, width, height)],
+        "area": round(float(width * height), _DECIMALS),
+        "iscrowd": 0,
+    }
 
 
 def read_keypoints(path: Path, files: Sequence[str] = (), first: int | None = None) -> Keypoints:

@@ -19,15 +19,65 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.errors import QueryError
+from decomo_runtime.errors import QueryError, TracksFileError
+from decomo_runtime.formats.about import About
+from decomo_runtime.formats.frames import in_order, scores, unique_names
 from decomo_runtime.keypoints import Keypoints
 from decomo_runtime.tables import opened_table
+from decomo_runtime.tracks import Tracks
 
 LEVELS = ("scorer", "individuals", "bodyparts", "coords")
 """Of the header, from the top; `individuals` is absent where there is one animal."""
+_ONE_ANIMAL = (LEVELS[0], *LEVELS[2:])
+COORDS = ("x", "y", "likelihood")
+SCORER = "decomotion"
 KEY = "df_with_missing"
 """Of the table in an h5 file."""
+MOST_FRAMES = 10**6
+"""That a table has rows for."""
+_LONGEST = 2**16 - 2**10
+"""Bytes of all names in an h5 file, less than HDF5's limit of an attribute."""
+_Columns = Sequence[tuple[str, str, str]]
 _GIVE = "give one that DeepLabCut wrote"
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """Predictions for all frames from the clip's first; the likelihood is how surely a point is in sight.
+
+    Where a point has no place, and in frames in which none was looked for, cells are empty. Raises `TracksFileError`
+    where there are too many frames, or an .h5 cannot name so many points.
+    """
+    tracks = in_order(tracks)
+    names = unique_names(about.names(len(tracks.xy)))
+    columns = [(SCORER, name, coord) for name in names for coord in COORDS]
+    values = np.concatenate([tracks.xy.astype(np.float64), scores(tracks)[..., None]], axis=-1)
+    values[~np.isfinite(values).all(axis=-1)] = np.nan
+    length = max(about.length or 0, int(tracks.frames[-1]) + 1)
+    if tracks.frames[0] < 0 or length > MOST_FRAMES:
+        raise TracksFileError(
+            f"DeepLabCut's table has a row for each frame of the video, 0 to {MOST_FRAMES - 1} at most, but there are "
+            f"tracks in frames {tracks.frames[0]} to {tracks.frames[-1]}; mend the tracks"
+        )
+    numbers = about.numbers(np.arange(length), 0)
+    rows = np.full((len(numbers), len(columns)), np.nan)
+    rows[tracks.frames] = values.transpose(1, 0, 2).reshape(len(tracks.frames), -1)
+    (_write_h5 if path.suffix.lower() == ".h5" else _write_csv)(path, columns, numbers, rows)
+
+
+def _write_csv(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], rows: npt.NDArray[np.float64]) -> None:
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerows([level, *names] for level, names in zip(_ONE_ANIMAL, zip(*columns, strict=True), strict=True))
+        for number, row in zip(numbers.tolist(), rows, strict=True):
+            table.writerow([number, *("" if np.isnan(value) else f"{value:.4f}" for value in row)])
+
+
+def _write_h5(path: Path, columns: _Columns, numbers: npt.NDArray[np.int64], rows: npt.NDArray[np.float64]) -> None:
+    if len(pickle.dumps(columns, protocol=0)) > _LONGEST:
+        raise TracksFileError(f"an .h5 of DeepLabCut cannot name {len(columns) // 3} points; write a .csv")
+    pandas, _ = import_module("pandas"), import_module("tables")
+    labels = pandas.MultiIndex.from_tuples(columns, names=_ONE_ANIMAL)
+    pandas.DataFrame(rows, index=numbers, columns=labels).to_hdf(path, key=KEY, mode="w", format="table")
 
 
 @dataclass(frozen=True)
@@ -65,7 +115,7 @@ def _from_csv(path: Path) -> _Table:
     names = [row[0] if row else "" for row in rows[:3]]
     count = names.index("coords") + 1 if "coords" in names else 0
     levels = ("scorer", *names[:count])
-    if levels not in (LEVELS, (LEVELS[0], *LEVELS[2:])):
+    if levels not in (LEVELS, _ONE_ANIMAL):
         raise ValueError("its header is not scorer, bodyparts, coords")
     head_rows, body = rows[:count], [row for row in rows[count:] if any(row)]
     indexed = next((place for place, name in enumerate(head_rows[-1][1:], 1) if name), len(head_rows[-1]))
@@ -99,7 +149,7 @@ def _from_h5(path: Path) -> _Table:
                 raise ValueError("its columns are of several types")
             columns, values = list(zip(*_levels(group, "axis0"), strict=True)), group["block0_values"][()]
             index = _levels(group, "axis1")[-1] if "axis1_level0" in group else [_text(cell) for cell in group["axis1"]]
-    levels = LEVELS if len(columns[0]) == len(LEVELS) else (LEVELS[0], *LEVELS[2:])
+    levels = LEVELS if len(columns[0]) == len(LEVELS) else _ONE_ANIMAL
     return _Table(levels, columns, index, np.asarray(values, np.float64))
 
 
@@ -135,7 +185,7 @@ def _keypoints(path: Path, table: _Table) -> Keypoints:
         if named["coords"] in coords:
             raise ValueError(f"{named['bodyparts']} is there twice")
         coords[named["coords"]] = number
-    if any(not {"x", "y"} <= coords.keys() <= {"x", "y", "likelihood"} for coords in places.values()):
+    if any(not {"x", "y"} <= coords.keys() <= set(COORDS) for coords in places.values()):
         raise ValueError("its coords are not x, y and likelihood")
     several = len({individual for individual, _ in places}) > 1
     names = [f"{individual}.{part}" if several else part for individual, part in places]

@@ -10,6 +10,7 @@ import logging
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +18,13 @@ from tqdm import tqdm
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
+from decomo_runtime.formats.frames import in_order, unique_names
 from decomo_runtime.tracks import Tracks
 
 log = logging.getLogger(__name__)
 
 Places = npt.NDArray[np.float64]
+T = TypeVar("T")
 _SECONDS = 2
 """Before a bar is shown."""
 
@@ -53,17 +56,14 @@ def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
 
     Raises `TracksFileError` where a point in sight has no finite place.
     """
-    frames, columns = np.unique(tracks.frames, return_index=True)
-    numbers = about.numbers(frames, first)
-    in_sight = ~tracks.occluded[:, columns]
+    tracks = in_order(tracks)
+    numbers = about.numbers(tracks.frames, first)
+    in_sight = ~tracks.occluded
     names = plain_names(about.names(len(tracks.xy)))
     points = []
     for point in np.flatnonzero(in_sight.any(axis=1)).tolist():
         seen = in_sight[point]
-        xy = tracks.xy[point, columns[seen]].astype(np.float64)
-        if not np.isfinite(xy).all():
-            raise TracksFileError(f"point {point} (counted from 0) is in sight at no finite place; mend the tracks")
-        points.append(Keys(names[point], numbers[seen], xy, numbers))
+        points.append(Keys(names[point], numbers[seen], tracks.xy[point, seen].astype(np.float64), numbers))
     missing = len(names) - len(points)
     if not points:
         raise TracksFileError("no point is in sight in any of the frames, so that there are no keys to write")
@@ -72,9 +72,9 @@ def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
     return points
 
 
-def shown(points: Sequence[Keys]) -> Iterator[Keys]:
-    """The points one by one, with a bar on a terminal where there are many."""
-    return iter(tqdm(points, "points", delay=_SECONDS, leave=False, disable=None))
+def shown(things: Sequence[T], words: str = "points") -> Iterator[T]:
+    """The things one by one, with a bar on a terminal where there are many."""
+    return iter(tqdm(things, words, delay=_SECONDS, leave=False, disable=None))
 
 
 def from_top_left(xy: Places) -> Places:
@@ -89,13 +89,4 @@ def from_bottom_left(xy: Places, height: int) -> Places:
 
 def plain_names(names: Sequence[str]) -> list[str]:
     """Names without what some tool cannot read: other characters become underscores, and equal names get a number."""
-    used: set[str] = set()
-    plain = []
-    for name in names:
-        wanted = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("._-") or "point"
-        unique, number = wanted, 2
-        while unique.lower() in used:
-            unique, number = f"{wanted}_{number}", number + 1
-        used.add(unique.lower())
-        plain.append(unique)
-    return plain
+    return unique_names([re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("._-") or "point" for name in names])

@@ -87,6 +87,13 @@ FORMATS = (
     TracksFormat("3dequalizer", "equalizer", (".txt",), "3DEqualizer, 2D tracks"),
     TracksFormat("syntheyes", "syntheyes", (".txt",), "SynthEyes, tracker 2-D paths"),
     TracksFormat("pftrack", "pftrack", (".txt",), "PFTrack, 2D tracks"),
+    TracksFormat("colmap", "colmap", (".db",), "COLMAP, keypoints and verified matches", extra="colmap"),
+    TracksFormat("napari", "napari", (".csv",), "napari, a Tracks layer", by_ending=False),
+    TracksFormat("deeplabcut", "deeplabcut", (".csv", ".h5"), "DeepLabCut, predictions", by_ending=False, extra="pose"),
+    TracksFormat("sleap", "sleap", (".slp",), "SLEAP, predictions", extra="pose"),
+    TracksFormat("coco", "coco", (".json",), "COCO, keypoints with visibility", by_ending=False),
+    TracksFormat("mot", "mot", (".txt",), "MOT Challenge, the box of all points", by_ending=False),
+    TracksFormat("rerun", "rerun", (".rrd",), "rerun, a recording", extra="rerun"),
 )
 
 

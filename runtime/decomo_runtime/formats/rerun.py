@@ -1,0 +1,78 @@
+"""rerun's recording: the points frame by frame, those in sight and those hidden, and the way they came.
+
+The first pixel's centre is at (0.5, 0.5). With the clip's frames behind the points, where they are known.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from decomo_runtime.formats.about import About
+from decomo_runtime.formats.frames import in_order
+from decomo_runtime.formats.keys import from_top_left, shown
+from decomo_runtime.overlay import TRAIL, rainbow
+from decomo_runtime.tracks import Tracks
+from decomotion.clip import read_clip
+
+FIRST_FRAME = 0
+CLIP, IN_SIGHT, HIDDEN, TRAILS = "clip", "clip/in_sight", "clip/hidden", "clip/trails"
+"""Entities."""
+_FAINT = 80
+"""Opacity of hidden points, of 255."""
+_RADIUS, _WIDTH = 2.5, 0.75
+_JPEG = 90
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """Raises `TracksFileError` where there is nothing to write, `ClipError` where the clip cannot be read."""
+    rr = import_module("rerun")
+    tracks = in_order(tracks)
+    clip = None if about.clip is None else read_clip(about.clip)
+    xy = from_top_left(tracks.xy.astype(np.float64))
+    placed, seen = np.asarray(np.isfinite(xy).all(axis=-1)), ~tracks.occluded
+    colours = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in about.colours], np.uint8)
+    colours = colours if len(colours) else rainbow(tracks.queries)
+    names = np.array(about.names(len(xy)))
+    with rr.RecordingStream("decomotion") as recording:
+        recording.save(str(path), default_blueprint=_blueprint(about))
+        recording.send_recording_name(about.name)
+        for column in shown(range(len(tracks.frames)), "frames"):
+            frame = int(tracks.frames[column])
+            recording.set_time("frame", sequence=int(about.numbers(tracks.frames[column : column + 1], FIRST_FRAME)[0]))
+            if tracks.times is not None:
+                recording.set_time("time", duration=float(tracks.times[column]))
+            if clip is not None:
+                _, jpeg = cv2.imencode(".jpg", clip.frames[frame][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG])
+                recording.log(CLIP, rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
+            for entity, rows in ((IN_SIGHT, seen[:, column]), (HIDDEN, placed[:, column] & ~seen[:, column])):
+                opacity = np.full((rows.sum(), 1), 255 if entity == IN_SIGHT else _FAINT, np.uint8)
+                recording.log(
+                    entity,
+                    rr.Points2D(
+                        xy[rows, column],
+                        radii=_RADIUS,
+                        colors=np.hstack([colours[rows], opacity]),
+                        labels=names[rows].tolist(),
+                        show_labels=False,
+                    ),
+                )
+            steps = seen[:, column] & seen[:, max(0, column - 1)]
+            segments = xy[steps][:, [max(0, column - 1), column]]
+            recording.log(TRAILS, rr.LineStrips2D(segments, radii=_WIDTH, colors=colours[steps]))
+
+
+def _blueprint(about: About) -> Any:
+    """One view, in which the steps of the last frames are seen together as trails."""
+    rrb = import_module("rerun.blueprint")
+    past = rrb.VisibleTimeRanges(
+        timeline="frame",
+        start=rrb.TimeRangeBoundary.cursor_relative(seq=-TRAIL),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    view = rrb.Spatial2DView(origin=CLIP, name=about.name, overrides={TRAILS: past})
+    return rrb.Blueprint(view, rrb.TimePanel(timeline="frame", fps=about.fps), collapse_panels=True)
