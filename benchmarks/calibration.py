@@ -76,36 +76,52 @@ class Answers:
     """[n], frames between query and answer, 1 or more."""
     error: Floats
     """[n], units."""
+    refined_error: Floats
+    """[n], of the same answers by `Tracker.refine`; NaN where it found nothing."""
 
     def told(self, calibration: Calibration) -> Floats:
         """[n], what it would say the error is."""
         return calibration.error(self.score, self.gap, self.median)
 
 
+@dataclass(frozen=True, eq=False)
+class Told:
+    """Answers, and what is told of them."""
+
+    answers: Answers
+    error: Floats
+    """[n], units."""
+    refined_error: Floats
+    """[n], where they are refined."""
+
+
 def ask(tracker: Tracker, videos: Sequence[Video]) -> Answers:
     """To all annotated points of `videos`, which are one clip with several annotations."""
     side = unit(tracker.height, tracker.width)
-    parts: list[tuple[Floats, npt.NDArray[np.int64], Floats]] = []
+    parts: list[tuple[Floats, npt.NDArray[np.int64], Floats, Floats]] = []
     for video in videos:
         asked = sample_queries(video, STRIDED)
         queries = asked.in_pixels(tracker.width, tracker.height)
         tracks = tracker.track(queries)
+        refined = tracker.refine(tracks, video.frames())
         truth = raster_to_pixels(asked.tracks, tracker.width, tracker.height)
         gap = np.abs(tracks.frames - queries[:, :1].astype(np.int64))
         kept = ~asked.occluded & (gap > 0)
-        error = np.linalg.norm(tracks.xy - truth, axis=-1) / side
-        parts.append((tracks.occlusion[kept], gap[kept], error[kept]))
-    score, gap, error = (np.concatenate(each) for each in zip(*parts, strict=True))
+        error, refined_error = (np.linalg.norm(each.xy - truth, axis=-1) / side for each in (tracks, refined))
+        refined_error[~np.asarray(refined.refined)] = np.nan
+        parts.append((tracks.occlusion[kept], gap[kept], error[kept], refined_error[kept]))
+    score, gap, error, refined_error = (np.concatenate(each) for each in zip(*parts, strict=True))
     quality = tracker.quality
     median = None if quality is None else quality.all.median
-    return Answers(tracker.clip_name, str(tracker.path), median, score, gap, error)
+    return Answers(tracker.clip_name, str(tracker.path), median, score, gap, error, refined_error)
 
 
 def fit(answers: Sequence[Answers]) -> Calibration:
     """The numbers with the least pinball loss of the errors' logarithms, each clip weighing the same."""
-    told = [each for each in answers if each.median is not None]
-    typical = float(np.exp(np.mean([np.log(each.median) for each in told]))) if told else 1.0
-    powers = QUALITY_POWERS if len({each.clip for each in told}) >= LEAST_TELLING else (0.0,)
+    medians = [each.median for each in answers if each.median is not None]
+    typical = float(np.exp(np.mean(np.log(medians)))) if medians else 1.0
+    telling = {each.clip for each in answers if each.median is not None}
+    powers = QUALITY_POWERS if len(telling) >= LEAST_TELLING else (0.0,)
     weight = np.concatenate(_weights(answers))
     edges = np.sqrt(np.multiply(SCORES[1:], SCORES[:-1]))
     knot = np.digitize(np.concatenate([each.score for each in answers]), edges)
@@ -122,7 +138,17 @@ def fit(answers: Sequence[Answers]) -> Calibration:
         if best is None or loss < best[0]:
             best = loss, fitted
     assert best is not None
-    return replace(best[1], clips=tuple(sorted({each.clip for each in answers})))
+    factor = _refined_factor(answers, best[1])
+    return replace(best[1], refined_factor=factor, clips=tuple(sorted({each.clip for each in answers})))
+
+
+def _refined_factor(answers: Sequence[Answers], calibration: Calibration) -> float:
+    """What the quantile `SHARE` of refined answers' errors is, by what they were told; 1 at most."""
+    over = np.concatenate([each.refined_error / each.told(calibration) for each in answers])
+    found = np.isfinite(over)
+    if not found.any():
+        return 1.0
+    return min(1.0, round(_quantile(over[found], np.concatenate(_weights(answers))[found]), 3))
 
 
 def pinball(answers: Sequence[Answers], calibration: Calibration) -> float:
@@ -132,33 +158,39 @@ def pinball(answers: Sequence[Answers], calibration: Calibration) -> float:
     return float(np.average(np.concatenate(loss), weights=np.concatenate(_weights(answers))))
 
 
-def left_out(answers: Sequence[Answers]) -> list[tuple[Answers, Floats]]:
+def left_out(answers: Sequence[Answers]) -> list[Told]:
     """Each model's answers, and what they are told by numbers that were fitted to other clips."""
     clips = sorted({each.clip for each in answers})
     others = {clip: fit([each for each in answers if each.clip != clip]) for clip in clips}
-    return [(each, each.told(others[each.clip])) for each in answers]
+    told = [(each, each.told(others[each.clip]), others[each.clip].refined_factor) for each in answers]
+    return [Told(each, error, factor * error) for each, error, factor in told]
 
 
-def report(told: Sequence[tuple[Answers, Floats]]) -> dict[str, Any]:
-    """What told errors are worth: by clip, by bin of told errors, and as a limit."""
-    answers = [each for each, _ in told]
-    weight = np.concatenate(_weights(answers))
-    error, said = np.concatenate([each.error for each in answers]), np.concatenate([each for _, each in told])
+def report(told: Sequence[Told]) -> dict[str, Any]:
+    """What told errors are worth: by model, by bin of told errors, and as a limit."""
+    weight = np.concatenate(_weights([each.answers for each in told]))
+    error, said = np.concatenate([each.answers.error for each in told]), np.concatenate([each.error for each in told])
+    refined = np.concatenate([each.answers.refined_error for each in told])
+    found, said_refined = np.isfinite(refined), np.concatenate([each.refined_error for each in told])
     bins = [(begin, end, (said > begin) & (said <= end)) for begin, end in pairwise(BINS)]
     return {
         "answers": len(error),
         "within": _mean(error <= said, weight),
+        "refined": {
+            "share_of_answers": _mean(found, weight),
+            "within": _mean((refined <= said_refined)[found], weight[found]),
+        },
         "models": [
             {
-                "clip": each.clip,
-                "model": each.model,
-                "quality_median": each.median,
+                "clip": each.answers.clip,
+                "model": each.answers.model,
+                "quality_median": each.answers.median,
                 "answers": len(each.error),
-                "within": float((each.error <= expected).mean()),
-                "median_error": float(np.median(each.error)),
-                "median_told": float(np.median(expected)),
+                "within": float((each.answers.error <= each.error).mean()),
+                "median_error": float(np.median(each.answers.error)),
+                "median_told": float(np.median(each.error)),
             }
-            for each, expected in told
+            for each in told
         ],
         "bins": [
             {
@@ -189,6 +221,8 @@ def document(record: dict[str, Any]) -> Iterator[str]:
         up_to = f"above {each['above']:g}" if each["up_to"] is None else f"{each['above']:g} to {each['up_to']:g}"
         yield markdown.line([up_to, _percent(each["share_of_answers"]), _percent(each["within"])])
     yield markdown.line(["all", "100%", _percent(record["within"])])
+    refined = record["refined"]
+    yield markdown.line(["refined", _percent(refined["share_of_answers"]), _percent(refined["within"])])
     yield ""
     yield from markdown.head(["limit, px of 256", "answers kept", "of these within it", "of all within it"])
     for each in record["limits"]:
@@ -254,11 +288,11 @@ def _quantile(values: Floats, weight: Floats) -> float:
     return float(values[order][np.searchsorted(reached, SHARE * reached[-1])])
 
 
-def _by_clip(told: Sequence[tuple[Answers, Floats]], begin: float, end: float) -> dict[str, float]:
-    hits: dict[str, list[Floats]] = {}
-    for each, said in told:
-        rows = (said > begin) & (said <= end)
-        hits.setdefault(each.clip, []).append(each.error[rows] <= said[rows])
+def _by_clip(told: Sequence[Told], begin: float, end: float) -> dict[str, float]:
+    hits: dict[str, list[npt.NDArray[np.bool_]]] = {}
+    for each in told:
+        rows = (each.error > begin) & (each.error <= end)
+        hits.setdefault(each.answers.clip, []).append(each.answers.error[rows] <= each.error[rows])
     joined = {clip: np.concatenate(parts) for clip, parts in hits.items()}
     return {clip: float(each.mean()) for clip, each in joined.items() if len(each) >= FEWEST}
 

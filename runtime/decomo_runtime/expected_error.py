@@ -6,6 +6,8 @@ frames between query and answer; and of how far the fit is from links that were 
 
     e = unit * curve(score) * gap^gap_power * (median / typical_median)^quality_power
 
+and of an answer that was found in the clip's own pixels (`refinement.py`), refined_factor times that.
+
 The numbers are in `expected_error.json`, measured by `benchmarks/calibration.py` on clips whose truth is known where
 they are in sight: of a hidden answer e is what it would be if the point were in sight after all.
 """
@@ -17,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +50,7 @@ class Calibration:
     quality_power: float
     typical_median: float
     """Units that held-out links are missed by in the median, in a fit whose quality changes nothing."""
+    refined_factor: float = 1.0
     clips: tuple[str, ...] = ()
     """By which the numbers were measured."""
 
@@ -76,8 +80,9 @@ class Calibration:
     @classmethod
     def load(cls, path: Path) -> Calibration:
         """Of a file that `save` wrote."""
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in content.items()})
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        lists = {key: tuple(content[key]) for key in ("scores", "errors", "clips")}
+        return cls(**{**content, **lists})
 
 
 @cache
@@ -96,3 +101,8 @@ def expected_error(
     gap = np.abs(np.asarray(frames) - queries[:, :1].astype(np.int64))
     median = None if model.quality is None else model.quality.all.median
     return calibration().error(score, gap, median) * np.float32(unit(model.height, model.width))
+
+
+def refined_error(error: Floats, refined: npt.NDArray[np.bool_]) -> Floats:
+    """[N, M], of answers of which some are `refined`, from the model's own."""
+    return np.where(refined, np.float32(calibration().refined_factor), np.float32(1)) * error

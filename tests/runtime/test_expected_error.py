@@ -12,7 +12,15 @@ import pytest
 
 from decomo_runtime import QueryError, Tracker, Tracks, contract
 from decomo_runtime.cli import main
-from decomo_runtime.expected_error import FARTHEST_FACTOR, LOWEST_SCORE, Calibration, calibration, expected_error
+from decomo_runtime.expected_error import (
+    FARTHEST_FACTOR,
+    LOWEST_SCORE,
+    Calibration,
+    calibration,
+    expected_error,
+    refined_error,
+)
+from decomotion.clip import read_clip
 from decomotion.quality import Figures, Quality
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
@@ -90,6 +98,18 @@ def test_every_answer_of_a_tracker_has_one(tracker: Tracker):
     alone = tracker.track(queries[1:], [1, 3]).error
     assert alone is not None
     np.testing.assert_array_equal(alone[0], tracks.error[1, [1, 3]])
+
+
+def test_what_is_found_in_the_pixels_is_nearer(tracker: Tracker, clip_path: Path):
+    tracks = tracker.track([(2, 13.25, 14.5)])
+    refined = tracker.refine(tracks, read_clip(clip_path).frames)
+    assert refined.refined is not None
+    assert refined.refined.any()
+    np.testing.assert_array_equal(refined.error, refined_error(tracks.error, refined.refined))
+    factor = calibration().refined_factor
+    assert 0 < factor <= 1
+    found = refined_error(np.array([[2, 4]], np.float32), np.array([[True, False]]))
+    np.testing.assert_allclose(found, [[2 * factor, 4]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("ending", [".npz", ".csv", ".json"])
