@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -67,7 +68,8 @@ class Answers:
     """Of one model, to points that are in sight."""
 
     clip: str
-    model: str
+    frames: str
+    """Their number and size."""
     median: float | None
     """That its held-out links are missed by."""
     score: Floats
@@ -100,20 +102,21 @@ def ask(tracker: Tracker, videos: Sequence[Video]) -> Answers:
     side = unit(tracker.height, tracker.width)
     parts: list[tuple[Floats, npt.NDArray[np.int64], Floats, Floats]] = []
     for video in videos:
-        asked = sample_queries(video, STRIDED)
-        queries = asked.in_pixels(tracker.width, tracker.height)
+        wanted = sample_queries(video, STRIDED)
+        queries = wanted.in_pixels(tracker.width, tracker.height)
         tracks = tracker.track(queries)
         refined = tracker.refine(tracks, video.frames())
-        truth = raster_to_pixels(asked.tracks, tracker.width, tracker.height)
+        truth = raster_to_pixels(wanted.tracks, tracker.width, tracker.height)
         gap = np.abs(tracks.frames - queries[:, :1].astype(np.int64))
-        kept = ~asked.occluded & (gap > 0)
+        kept = ~wanted.occluded & (gap > 0)
         error, refined_error = (np.linalg.norm(each.xy - truth, axis=-1) / side for each in (tracks, refined))
         refined_error[~np.asarray(refined.refined)] = np.nan
         parts.append((tracks.occlusion[kept], gap[kept], error[kept], refined_error[kept]))
     score, gap, error, refined_error = (np.concatenate(each) for each in zip(*parts, strict=True))
+    frames = f"{tracker.num_frames} of {tracker.width}x{tracker.height}"
     quality = tracker.quality
     median = None if quality is None else quality.all.median
-    return Answers(tracker.clip_name, str(tracker.path), median, score, gap, error, refined_error)
+    return Answers(tracker.clip_name, frames, median, score, gap, error, refined_error)
 
 
 def fit(answers: Sequence[Answers]) -> Calibration:
@@ -183,7 +186,7 @@ def report(told: Sequence[Told]) -> dict[str, Any]:
         "models": [
             {
                 "clip": each.answers.clip,
-                "model": each.answers.model,
+                "frames": each.answers.frames,
                 "quality_median": each.answers.median,
                 "answers": len(each.error),
                 "within": float((each.answers.error <= each.error).mean()),
@@ -229,9 +232,9 @@ def document(record: dict[str, Any]) -> Iterator[str]:
         cells = [_percent(each[key]) for key in ("kept", "within", "within_of_all")]
         yield markdown.line([f"{each['limit']:g}", *cells])
     yield ""
-    yield from markdown.head(["clip, left out", "model", "answers", "within e", "median error", "median e"])
+    yield from markdown.head(["clip, left out", "frames", "answers", "within e", "median error", "median e"])
     for each in record["models"]:
-        cells = [each["clip"], Path(each["model"]).name, str(each["answers"]), _percent(each["within"])]
+        cells = [each["clip"], each["frames"], str(each["answers"]), _percent(each["within"])]
         yield markdown.line([*cells, f"{each['median_error']:.2f}", f"{each['median_told']:.2f}"])
 
 
@@ -257,7 +260,20 @@ def diagram(record: dict[str, Any]) -> Figure:
     return figure
 
 
-def videos_of(tracker: Tracker, datasets: Sequence[dict[str, Video]]) -> list[Video]:
+def asked(paths: Sequence[Path], datasets: Sequence[Mapping[str, Video]]) -> Iterator[Answers]:
+    """Of all models that have annotations; says which have none."""
+    for path in paths:
+        tracker = Tracker(path, threads=1)
+        videos = videos_of(tracker, datasets)
+        if not videos:
+            click.echo(f"left out: {path}, no annotations of {tracker.clip_name} with {tracker.num_frames} frames")
+            continue
+        answers = ask(tracker, videos)
+        click.echo(f"{answers.clip}: {len(answers.error)} answers of {path}")
+        yield answers
+
+
+def videos_of(tracker: Tracker, datasets: Sequence[Mapping[str, Video]]) -> list[Video]:
     """The annotations of the clip that a model was fitted to: those of its name and number of frames."""
     named = [dataset[tracker.clip_name] for dataset in datasets if tracker.clip_name in dataset]
     return [video for video in named if video.num_frames == tracker.num_frames and not video.occluded.all()]
@@ -313,17 +329,10 @@ def _percent(share: float | None) -> str:
 @click.option("--write", is_flag=True, help="Replace the runtime's numbers by those fitted to all clips.")
 def main(shared: Path, models: tuple[Path, ...], out: Path, diagram_path: Path | None, write: bool) -> None:
     """Fit and judge the expected error by MODELS of clips that are annotated in SHARED."""
-    datasets = [dict(read_dataset(shared / name)) for name in PICKLES]
-    datasets += [full_length.annotated(shared, kind, out / "pickles") for kind in KINDS]
-    answers = []
-    for path in model_paths(models):
-        tracker = Tracker(path, threads=1)
-        videos = videos_of(tracker, datasets)
-        if not videos:
-            click.echo(f"left out: {path}, no annotations of {tracker.clip_name} with {tracker.num_frames} frames")
-            continue
-        answers.append(ask(tracker, videos))
-        click.echo(f"{tracker.clip_name}: {len(answers[-1].error)} answers of {path}")
+    with TemporaryDirectory() as pickles:
+        datasets = [dict(read_dataset(shared / name)) for name in PICKLES]
+        datasets += [full_length.annotated(shared, kind, Path(pickles)) for kind in KINDS]
+        answers = list(asked(model_paths(models), datasets))
     if len({each.clip for each in answers}) < 2:
         raise click.UsageError("calibration leaves a clip out at a time; give models of two clips or more")
     record = report(left_out(answers)) | {"share": SHARE, **provenance()}

@@ -33,7 +33,7 @@ def answers(
         quantile = scale * TRUTH.error(score, gap, median).astype(np.float64)
         error = quantile * np.exp(0.5 * (chance.normal(size=count) - 0.8416))  # 80 % of a normal law are below 0.8416
         refined = np.where(chance.random(count) < 0.5, 0.5 * error, np.nan)
-        found.append(Answers(clip, f"{clip}.onnx", median, score, gap, error, refined))
+        found.append(Answers(clip, "30 of 36x24", median, score, gap, error, refined))
     return found
 
 
@@ -138,6 +138,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest
     assert "no annotations of a with 9 frames" in printed
     record = json.loads((out / "calibration.json").read_text())
     assert [each["clip"] for each in record["models"]] == ["a", "b"]
+    assert record["models"][0]["frames"] == "7 of 36x24"
     side = 36 / 256
     assert record["models"][0]["median_error"] == pytest.approx(1 / side, rel=0.01)
     assert picture.stat().st_size > 1000

@@ -16,7 +16,7 @@ import pytest
 
 from decomotion import __version__
 from decomotion.commands import COMMANDS, Command
-from decomotion.entry import main
+from decomotion.entry import decomo, main
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
@@ -44,6 +44,7 @@ def test_help_lists_all_in_the_order_of_the_work(capsys: pytest.CaptureFixture[s
     names = [command.name for command in COMMANDS]
     work = ["prepare", "train", "export", "track", "render", "view", "eval"]
     assert [name for name in names if name in work] == work
+    assert decomo.list_commands(click.Context(decomo)) == names  # what a shell completes
 
 
 def test_help_loads_no_command():

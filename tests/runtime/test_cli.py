@@ -308,6 +308,8 @@ def test_what_is_read_is_not_replaced(model_path: Path, tmp_path: Path, capsys: 
         arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", clip, "--clip", given]
         assert f"--overlay {clip} would replace" in refusal(capsys, tmp_path, model_path, *arguments)
     assert "would replace" in refusal(capsys, tmp_path, model_path, "--queries", points, "--out", points)
+    keypoints = ["--points-from", f"{points}@2", "--out", points]
+    assert "would replace" in refusal(capsys, tmp_path, model_path, *keypoints)
     assert clip.read_bytes() == points.read_bytes() == b"precious"
 
 

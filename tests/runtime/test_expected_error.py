@@ -18,9 +18,8 @@ from decomo_runtime.expected_error import (
     Calibration,
     calibration,
     expected_error,
-    refined_error,
 )
-from decomotion.clip import read_clip
+from decomo_runtime.formats.frames import in_order
 from decomotion.quality import Figures, Quality
 
 NUM_FRAMES, HEIGHT, WIDTH = 6, 40, 48
@@ -100,18 +99,6 @@ def test_every_answer_of_a_tracker_has_one(tracker: Tracker):
     np.testing.assert_array_equal(alone[0], tracks.error[1, [1, 3]])
 
 
-def test_what_is_found_in_the_pixels_is_nearer(tracker: Tracker, clip_path: Path):
-    tracks = tracker.track([(2, 13.25, 14.5)])
-    refined = tracker.refine(tracks, read_clip(clip_path).frames)
-    assert refined.refined is not None
-    assert refined.refined.any()
-    np.testing.assert_array_equal(refined.error, refined_error(tracks.error, refined.refined))
-    factor = calibration().refined_factor
-    assert 0 < factor <= 1
-    found = refined_error(np.array([[2, 4]], np.float32), np.array([[True, False]]))
-    np.testing.assert_allclose(found, [[2 * factor, 4]], rtol=1e-6)
-
-
 @pytest.mark.parametrize("ending", [".npz", ".csv", ".json"])
 def test_files_keep_it(tracker: Tracker, tmp_path: Path, ending: str):
     tracks = tracker.track([(0, 3, 4), (5, 20, 30)])
@@ -152,6 +139,15 @@ def test_answers_that_may_be_farther_off_are_marked_hidden(tracker: Tracker):
     assert (within.occluded & ~tracks.occluded).any()
     assert not within.occluded[0, 0]  # the query itself
     np.testing.assert_array_equal(within.xy, tracks.xy)
+    near = replace(tracks, error=np.full_like(tracks.error, 0.5))
+    assert near.occluded.any()
+    np.testing.assert_array_equal(near.within(limit).occluded, tracks.occluded)  # what is hidden stays so
+
+
+def test_tools_that_take_frames_in_order_get_it_in_order(tracker: Tracker):
+    tracks = tracker.track([(0, 3, 4), (5, 20, 30)], [4, 1, 4, 2])
+    assert tracks.error is not None
+    np.testing.assert_array_equal(in_order(tracks).error, tracks.error[:, [1, 3, 0]])
 
 
 @pytest.mark.parametrize("limit", [0, -1, float("nan")])
