@@ -15,8 +15,8 @@ from decomo_runtime.tracks import Tracks
 
 ANSWERS = 2**28
 """Bytes of answers that are kept at once: frames that are asked for together share the work of their queries."""
-_BYTES = 16
-"""Of one answer: place, score, and whether it is hidden."""
+_BYTES = 17
+"""Of one answer: place, score, whether it is hidden, and error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,8 @@ class Dense:
     """[H, W], True where the score is above the model's threshold."""
     occlusion: npt.NDArray[np.float32]
     """[H, W], score from 0 (surely in sight) to 1 (surely hidden)."""
+    error: npt.NDArray[np.float32] | None = None
+    """[H, W], expected error in pixels, as of `Tracks`; None where the tracker does not say."""
 
 
 class AnyTracker(Protocol):
@@ -62,5 +64,7 @@ def dense_flows(
         tracks = tracker.track(queries, list(targets[begin : begin + step]), max_memory=max_memory)
         for column in range(len(tracks.frames)):
             flow = (tracks.xy[:, column] - queries[:, 1:]).reshape(height, width, 2)
-            occluded, occlusion = tracks.occluded[:, column], tracks.occlusion[:, column]
-            yield Dense(flow, occluded.reshape(x.shape), occlusion.reshape(x.shape))
+            occluded = tracks.occluded[:, column].reshape(x.shape)
+            occlusion = tracks.occlusion[:, column].reshape(x.shape)
+            error = None if tracks.error is None else tracks.error[:, column].reshape(x.shape)
+            yield Dense(flow, occluded, occlusion, error)

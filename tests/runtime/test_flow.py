@@ -30,7 +30,7 @@ def found() -> Found:
     """Of 5x7 pixels, in quarters of a pixel, which all formats hold exactly; some are hidden."""
     flow = np.random.default_rng(0).integers(-40, 40, (5, 7, 2)).astype(np.float32) / 4
     occlusion = np.linspace(0, 1, 35, dtype=np.float32).reshape(5, 7)
-    return Found(Dense(flow, occlusion > 0.5, occlusion), 3, 9, pixel_aspect=1.5)
+    return Found(Dense(flow, occlusion > 0.5, occlusion, 9 * occlusion), 3, 9, pixel_aspect=1.5)
 
 
 def written(found: Found, name: str, folder: Path) -> Path:
@@ -79,10 +79,11 @@ def test_kitti_marks_what_it_cannot_hold(tmp_path: Path, caplog: pytest.LogCaptu
 
 def test_npz_is_what_numpy_reads(found: Found, tmp_path: Path):
     with np.load(written(found, "npz", tmp_path)) as file:
-        assert sorted(file) == ["flow", "from", "occluded", "occlusion", "to"]
+        assert sorted(file) == ["error", "flow", "from", "occluded", "occlusion", "to"]
         np.testing.assert_array_equal(file["flow"], found.dense.flow)
         np.testing.assert_array_equal(file["occluded"], found.dense.occluded)
         np.testing.assert_array_equal(file["occlusion"], found.dense.occlusion)
+        np.testing.assert_array_equal(file["error"], 9 * found.dense.occlusion)
         assert (int(file["from"]), int(file["to"])) == (3, 9)
 
 
@@ -183,10 +184,12 @@ def test_frames_that_are_asked_together_are_answered_as_alone(tracker: Tracker, 
     monkeypatch.setattr(
         tracker, "track", lambda queries, frames, **options: asked.append(frames) or track(queries, frames, **options)
     )
-    monkeypatch.setattr(dense, "ANSWERS", 2 * 16 * HEIGHT * WIDTH)
+    monkeypatch.setattr(dense, "ANSWERS", 2 * 17 * HEIGHT * WIDTH)
     for one, each in zip(alone, dense.dense_flows(tracker, 2, (5, 0, 3)), strict=True):
         np.testing.assert_allclose(each.flow, one.flow, atol=1e-5)
         np.testing.assert_allclose(each.occlusion, one.occlusion, atol=1e-5)
+        assert one.error is not None
+        np.testing.assert_allclose(each.error, one.error, rtol=1e-4)
     assert asked == [[5, 0], [3]]
     with pytest.raises(QueryError, match="it must be within"):
         next(dense.dense_flows(tracker, 2, (6,)))

@@ -11,11 +11,12 @@ from decomo_runtime.flow.found import Found
 
 
 def write(found: Found, path: Path) -> None:
-    """`flow` float32 [H, W, 2] (x, y), `occluded` bool and `occlusion` float32 [H, W], `from` and `to` int64."""
+    """`flow` float32 [H, W, 2] (x, y), `occluded` bool, `occlusion` and `error` float32 [H, W], `from`, `to` int64."""
     arrays: dict[str, Any] = {
         "flow": found.dense.flow,
         "occluded": found.dense.occluded,
         "occlusion": found.dense.occlusion,
+        **({} if found.dense.error is None else {"error": found.dense.error}),
         "from": np.int64(found.origin),
         "to": np.int64(found.target),
     }
