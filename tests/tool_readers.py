@@ -32,10 +32,11 @@ def read_nuke(text: str) -> Read:
 
 
 def read_corner_pin(text: str) -> dict[str, Any]:
-    """The knobs of a CornerPin2D: of `to`, a curve each for x and y; of `from`, numbers."""
+    """The knobs of a CornerPin2D: of `to`, a curve each for x and y; of `from`, numbers; the label."""
     knobs = dict(pairs(nodes(text)["CornerPin2D"]))
     curves = {name: tuple(map(read_curve, knobs[name])) for name in ("to1", "to2", "to3", "to4")}
-    return curves | {name: tuple(map(float, knobs[name])) for name in ("from1", "from2", "from3", "from4")}
+    places = {name: tuple(map(float, knobs[name])) for name in ("from1", "from2", "from3", "from4")}
+    return curves | places | {"label": knobs["label"]}
 
 
 def nodes(text: str) -> dict[str, list[Any]]:

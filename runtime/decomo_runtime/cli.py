@@ -86,6 +86,8 @@ def track(
     """
     import time
 
+    import numpy as np
+
     from decomo_runtime.errors import OverlayError, QueryError
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.registry import format_of
@@ -119,7 +121,8 @@ def track(
             "keypoints name"
         )
     check_drawing(overlay, mark, trails)
-    (check_new_folder if format_of(out, to).folder else check_output)("--out", out)
+    form = format_of(out, to)
+    (check_new_folder if form.folder else check_output)("--out", out)
     read = (model, queries_file, *(_parted(text)[0] for text in (mask, points_from) if text), clip_path)
     check_not_input("--out", out, *read)
     if overlay is not None:
@@ -136,6 +139,8 @@ def track(
         wanted = tracker.on_object(queries) == (on == DYNAMIC)
         queries, names = queries[wanted], tuple(compress(names, wanted))
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
+    about = replace(About.of(tracker.facts, clip_path), points=names)
+    form.check(len(queries), np.arange(tracker.num_frames) if frames is None else frames, about)
     clip = None
     if clip_path is not None:
         clip = read_clip(clip_path)
@@ -150,7 +155,7 @@ def track(
     if max_error is not None:
         tracks = tracks.within(max_error)
         marked = f"{_share(tracks.occluded & ~model_hidden)} marked hidden for their error, "
-    tracks.save(out, to, about=replace(About.of(tracker.facts, clip_path), points=names))
+    form.write(tracks, out, about)
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracks, convert
+from decomo_runtime import About, Tracker, Tracks, convert
 from decomo_runtime.cli import main as track
+from decomo_runtime.contract import META_PIXEL_ASPECT
 from decomo_runtime.convert_cli import main
 from decomo_runtime.formats.registry import FORMATS
 from known_tracks import known_tracks
@@ -119,7 +121,7 @@ def test_refusals(sized: Path, unsized: Path, tmp_path: Path, capsys: pytest.Cap
         "is not an .npz file of plain arrays": (tmp_path / "none.npz", out),
         "a.nk is not a file of tracks by its ending": (out, tmp_path / "b.nk"),
         "would replace": (unsized, unsized),
-        "made of 4 points, the corners, but the tracks have 3": (sized, out, "--to", "nuke-corner-pin"),
+        "made of 4 points, the corners, but there are 3": (sized, out, "--to", "nuke-corner-pin"),
     }.items():  # fmt: skip
         assert words in refusal(capsys, tmp_path, *arguments)
 
@@ -163,6 +165,12 @@ class TestTrack:
         first = next(iter(keys.values()))
         np.testing.assert_allclose(first, (tracks.xy[0, 0, 0] + 0.5, HEIGHT - 0.5 - tracks.xy[0, 0, 1]), atol=6e-5)
 
+    def test_what_a_model_says_of_its_clip(self, write_model: Callable[..., Path], tmp_path: Path):
+        facts = Tracker(write_model({META_PIXEL_ASPECT: "1.5"})).facts
+        assert About.of(facts, tmp_path) == About(
+            *((HEIGHT, WIDTH), facts.fps, NUM_FRAMES), pixel_aspect=1.5, name="slide", clip=tmp_path
+        )
+
     def test_to(self, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         arguments = [str(model_path), "--point", "0,10,12", "--out", str(tmp_path / "a.txt")]
         assert track(arguments) == 2
@@ -177,10 +185,16 @@ class TestTrack:
         assert len(list(out.iterdir())) > 1
 
     def test_some_frames_are_no_json_of_the_page(
-        self, model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+        self,
+        model_path: Path,
+        tmp_path: Path,
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
     ):
         arguments = [str(model_path), "--point", "0,10,12", "--out", str(tmp_path / "a.json")]
-        assert track([*arguments, "--frames", "0:3"]) == 2
+        with monkeypatch.context() as patched:  # before any work
+            patched.setattr(Tracker, "track", None)
+            assert track([*arguments, "--frames", "0:3"]) == 2
         assert f"the page's JSON holds all {NUM_FRAMES} frames of the clip" in capsys.readouterr().err
         assert track(arguments) == 0
         assert Tracks.load(tmp_path / "a.json").size == (HEIGHT, WIDTH)

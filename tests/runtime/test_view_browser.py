@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator
 from functools import partial
@@ -15,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker, Tracks, contract
+from decomo_runtime import Tracker, Tracks, contract, convert
 from decomo_runtime.cli import main as track_main
 from decomo_runtime.view.cli import main as view_main
 from decomo_runtime.view.site import write_site
@@ -235,6 +236,24 @@ def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path
     after = view.tracks(tmp_path)
     np.testing.assert_array_equal(after.queries, before.queries)
     np.testing.assert_array_equal(after.xy, before.xy)
+
+
+def test_json_is_that_of_decomo_convert(view: ViewPage, tmp_path: Path):
+    """The page's is read with its tracks, and the one that is written is opened by the page."""
+    view.click(12.25, 7)
+    view.seek(3)
+    view.click(33, 28.5)
+    before = view.tracks(tmp_path)
+    saved = view.save("points.json", tmp_path)
+    np.testing.assert_allclose(Tracks.load(saved).xy, before.xy, atol=5.1e-5)  # four decimals
+    np.testing.assert_array_equal(Tracks.load(saved).occluded, before.occluded)
+    again = tmp_path / "again.json"
+    convert(saved, again)
+    assert json.loads(again.read_text()) == json.loads(saved.read_text())
+    view.clear()
+    view.open(again)
+    expect(view.rows).to_have_count(2)
+    np.testing.assert_array_equal(view.tracks(tmp_path).queries, before.queries)
 
 
 def test_video_has_every_frame_and_the_points(view: ViewPage, tmp_path: Path):

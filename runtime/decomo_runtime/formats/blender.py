@@ -10,9 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.keys import Keys, from_bottom_left, keyed, shown
+from decomo_runtime.formats.keys import Keys, from_bottom_left, keyed, plain_names, shown
 from decomo_runtime.tracks import Tracks
 from decomotion.frame_files import frame_files
 
@@ -68,17 +71,19 @@ build(movie_clip())
 '''
 
 
-def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` where the clip's size is not known, no point is in sight, or a limit of Blender's is
-    passed: 63 characters for a name, frame 1,048,574.
-    """
-    points = keyed(tracks, replace(about, first_frame=None), FIRST_FRAME)
-    for point in points:
-        if len(point.name) > LONGEST_NAME:
-            raise TracksFileError(f"Blender's names have up to {LONGEST_NAME} characters; shorten {point.name}")
-    last = points[0].all_numbers[-1]
+def check(number: int, frames: npt.NDArray[np.int64], about: About) -> None:
+    """`TracksFileError` where a limit of Blender's is passed: 63 characters for a name, frame 1,048,574."""
+    for name in plain_names(about.names(number)):
+        if len(name) > LONGEST_NAME:
+            raise TracksFileError(f"Blender's names have up to {LONGEST_NAME} characters; shorten {name}")
+    last = frames.max(initial=0) + FIRST_FRAME
     if last >= LAST_FRAME:
         raise TracksFileError(f"Blender counts up to frame {LAST_FRAME} but the tracks reach {last}; give fewer frames")
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """Raises `TracksFileError` where the clip's size is not known, or no point is in sight."""
+    points = keyed(tracks, replace(about, first_frame=None), FIRST_FRAME)
     script = _SCRIPT.format(
         clip=_file(about.clip),
         width=about.width,

@@ -24,16 +24,18 @@ COLOUR = "#f73e73"
 _DECIMALS = 4
 
 
-def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` where the clip's size or rate is not known, frames are missing, or there are too many
-    points for the page.
-    """
-    number, length = tracks.occluded.shape
+def check(number: int, frames: npt.NDArray[np.int64], about: About) -> None:
+    """`TracksFileError` where frames are missing, or there are too many points for the page."""
     if number > MOST_POINTS:
         raise TracksFileError(f"the page takes {MOST_POINTS} points at once, but there are {number}; write npz or csv")
-    num_frames = about.length or length
-    if tracks.frames.tolist() != list(range(num_frames)):
+    num_frames = about.length or len(frames)
+    if frames.tolist() != list(range(num_frames)):
         raise TracksFileError(f"the page's JSON holds all {num_frames} frames of the clip in order; give such tracks")
+
+
+def write(tracks: Tracks, path: Path, about: About) -> None:
+    """Raises `TracksFileError` where the clip's size or rate is not known."""
+    number, num_frames = tracks.occluded.shape
     colours = about.colours or [COLOUR] * number
     points = [
         {

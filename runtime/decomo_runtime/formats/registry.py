@@ -1,8 +1,14 @@
 """All formats of tracks, a line for each; command, Python and documentation go by this table.
 
-A format is a module of this package with `write(tracks, path, about)`, which may take for granted that `path` is new,
-and, where `reads` says so, `read(path) -> (tracks, about)`. It is imported when the format is used; libraries that an
-extra installs are imported within those functions, and registry and command name the extra where one is missing.
+A format is a module of this package with
+
+- `write(tracks, path, about)`, which may take for granted that `path` is new;
+- where `reads` says so, `read(path) -> (tracks, about)`;
+- where the tool has limits, `check(number, frames, about)`, which raises `TracksFileError` where so many points, such
+  frames or names pass them.
+
+It is imported when the format is used. Libraries that an extra installs are imported within those functions; the extra
+is named where one is missing.
 """
 
 from __future__ import annotations
@@ -18,6 +24,9 @@ from decomo_runtime.errors import TracksFileError
 from decomotion.files import new_folder, replacing
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from decomo_runtime.formats.about import About
     from decomo_runtime.tracks import Tracks
 
@@ -47,9 +56,18 @@ class TracksFormat:
         """Its endings, or that it is a folder, as people read it."""
         return " or ".join(self.endings) or "folder"
 
+    def check(self, number: int, frames: npt.NDArray[np.int64], about: About) -> None:
+        """`TracksFileError` where tracks of `number` points in `frames` [M] do not go into this format; `about` may
+        lack what the tracks will say. `write` looks too: this is for those who have yet to ask for the tracks.
+        """
+        check = getattr(self._module, "check", None)
+        if check is not None:
+            check(number, frames, about)
+
     def write(self, tracks: Tracks, path: Path, about: About) -> None:
         """Writes `path`, whole or not at all. `TracksFileError` where the tracks do not go into this format."""
         known = _completed(about, tracks)
+        self.check(len(tracks.xy), tracks.frames, known)
         with (new_folder if self.folder else replacing)(path) as temporary, self._extra_told():
             self._module.write(tracks, temporary, known)
 

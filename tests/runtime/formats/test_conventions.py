@@ -124,6 +124,10 @@ def test_what_a_tool_reads_is_what_was_tracked(
         np.testing.assert_allclose(places, tracks.xy[row, seen], atol=6e-5)  # four decimals
 
 
+def test_a_clip_that_begins_at_0_in_nuke(written: Callable[..., str]):
+    assert list(read_nuke(written("nuke", "a.nk", first_frame=0))["point_01"]) == [3, 4]
+
+
 def test_corner_pin(written: Callable[..., str]):
     corners = np.array([[600, 40], [10, 20], [590, 300], [30, 350]], np.float32)  # as they were clicked
     xy = corners[:, None] + np.arange(3, dtype=np.float32)[:, None]
@@ -138,3 +142,28 @@ def test_corner_pin(written: Callable[..., str]):
     assert top_right == ({2: 601.5, 3: 602.5}, {2: 318.5, 3: 317.5})
     assert top_left == ({1: 10.5, 3: 12.5}, {1: 339.5, 3: 337.5})
     assert [pin[f"from{number}"] for number in (1, 2, 3, 4)] == [(0, 0), (640, 0), (640, 360), (0, 360)]
+    assert pin["label"] == r"to3 without key: 1\nto4 without key: 2"
+
+
+def test_corner_pin_that_stands_on_its_tip(written: Callable[..., str]):
+    """The first corner is the one nearest to the frame's bottom left, the others follow against the clock."""
+    top, right, bottom, left = corners = np.array([[160, 20], [400, 200], [250, 340], [10, 179]], np.float32)
+    seen = np.zeros((4, 1), bool)
+    queries = np.concatenate([np.zeros((4, 1), np.float32), corners], axis=1)
+    tracks = Tracks(corners[:, None], seen, seen.astype(np.float32), queries, np.arange(1), (HEIGHT, WIDTH))
+    pin = read_corner_pin(written("nuke-corner-pin", "a.nk", tracks))
+    places = [(pin[f"to{number}"][0][1] - 0.5, 359.5 - pin[f"to{number}"][1][1]) for number in (1, 2, 3, 4)]
+    assert places == [tuple(left), tuple(bottom), tuple(right), tuple(top)]
+    assert pin["label"] == ""
+
+
+def test_the_label_of_a_corner_pin_counts_frames(written: Callable[..., str]):
+    corners = np.array([[0, 90], [90, 90], [90, 0], [0, 0]], np.float32)
+    hidden = np.zeros((4, 9), bool)
+    hidden[1, [0, 2, 3, 4, 7, 8]] = True
+    tracks = Tracks(
+        *(np.repeat(corners[:, None], 9, axis=1), hidden, hidden.astype(np.float32)),
+        *(np.concatenate([np.ones((4, 1), np.float32), corners], axis=1), np.arange(9), (HEIGHT, WIDTH)),
+    )
+    pin = read_corner_pin(written("nuke-corner-pin", "a.nk", tracks, first_frame=1001))
+    assert pin["label"] == "to2 without key: 1001 1003-1005 1008-1009"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import re
 from dataclasses import replace
@@ -35,6 +36,8 @@ def test_a_line_says_what_its_module_does(each: TracksFormat):
     assert hasattr(module, "read") == each.reads
     assert re.fullmatch(r"[a-z0-9-]+", each.name)
     assert all(re.fullmatch(r"\.[a-z0-9]+", ending) for ending in each.endings)
+    limits = inspect.signature(module.check).parameters if hasattr(module, "check") else "nfa"
+    assert len(limits) == 3
     assert each.folder == (not each.endings)
 
 
@@ -138,6 +141,11 @@ class TestWhatIsKnown:
         with pytest.raises(TracksFileError, match="do not say the clip's frame rate"):
             one.save(tmp_path / "a.txt", "after-effects")
 
+    def test_frames_that_tell_no_rate(self, tmp_path: Path):
+        same = replace(known_tracks(), frames=np.array([2, 1, 0, 1, 2]), times=np.array([0.08, 0.04, 0, 0.04, 0.08]))
+        with pytest.raises(TracksFileError, match="do not say the clip's frame rate"):
+            same.save(tmp_path / "a.txt", "after-effects")
+
     @pytest.mark.parametrize(
         ("about", "words"),
         [
@@ -210,7 +218,7 @@ class TestKeys:
 
 class TestCornerPin:
     def test_other_numbers_of_points(self, tmp_path: Path):
-        with pytest.raises(TracksFileError, match="is made of 4 points, the corners, but the tracks have 3"):
+        with pytest.raises(TracksFileError, match="is made of 4 points, the corners, but there are 3"):
             known_tracks().save(tmp_path / "a.nk", "nuke-corner-pin")
 
     def test_no_quadrangle(self, tmp_path: Path):
