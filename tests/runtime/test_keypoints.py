@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from consumers import consumer
 from decomo_runtime import QueryError
 from decomo_runtime.keypoints import Keypoints, read_keypoints
 
@@ -104,7 +105,7 @@ def test_several_animals_of_deeplabcut(tmp_path: Path):
         ("t,x,y\n0,1,2\n", "does not begin with 'scorer'"),
         ("scorer,a\nbodyparts,b\n", "its header is not scorer, bodyparts, coords"),
         (PREDICTIONS.replace("coords,x", "coords,z"), "its coords are not x, y and likelihood"),
-        (PREDICTIONS.replace("tail,tail,tail", "nose,nose,nose"), "nose is there twice"),
+        (PREDICTIONS.replace("tail,tail,tail", "nose,nose,nose"), "'nose' is there twice"),
         (PREDICTIONS.replace("\n2,", "\n1,"), "a frame is there twice"),
         (PREDICTIONS.replace("12.5", "here"), "could not convert string to float"),
         (PREDICTIONS + "3,1.0\n", "its lines are not equally long"),
@@ -129,9 +130,7 @@ def test_other_files_are_refused(tmp_path: Path):
 @pytest.mark.parametrize("format", ["table", "fixed"])
 @pytest.mark.parametrize("content", [PREDICTIONS, LABELS, ANIMALS])
 def test_h5_of_deeplabcut(tmp_path: Path, content: str, format: str):
-    pandas = pytest.importorskip("pandas", reason="of the extra pose")
-    pytest.importorskip("tables", reason="of the extra pose")
-    pytest.importorskip("h5py", reason="of the extra pose")
+    pandas, _, _ = consumer("pandas"), consumer("tables"), consumer("h5py")
     path = written(tmp_path, content)
     frame = pandas.read_csv(path, header=[0, 1, 2, 3] if content is ANIMALS else [0, 1, 2], index_col=[0, 1, 2])
     if content is not LABELS:
@@ -154,7 +153,7 @@ class Harmful:
 
 
 def test_h5_runs_no_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    h5py = pytest.importorskip("h5py", reason="of the extra pose")
+    h5py = consumer("h5py")
     monkeypatch.chdir(tmp_path)
     with h5py.File("harmful.h5", "w") as file:
         group = file.create_group("df_with_missing")
@@ -197,7 +196,7 @@ def test_frames_of_coco_by_the_clip_s_files_or_their_numbers(tmp_path: Path):
     files = [f"f_{number:04}.jpg" for number in range(9, 14)]
     np.testing.assert_array_equal(read_keypoints(named, files).frames, [1, 3])
     np.testing.assert_array_equal(read_keypoints(named, first=1).frames, [9, 11])
-    with pytest.raises(QueryError, match=r"the images \(f_0012\.jpg, \.\.\.\) do not tell which frames of the clip"):
+    with pytest.raises(QueryError, match=r"the images \('f_0012\.jpg', \.\.\.\) do not tell which frames of the clip"):
         read_keypoints(named)
     from_0 = written(tmp_path, coco(images=images("f_0012.jpg", "f_0000.jpg")), "b.json")
     np.testing.assert_array_equal(read_keypoints(from_0).frames, [0, 12])

@@ -24,6 +24,8 @@ from decomo_runtime.tracks import Tracks
 
 HIDDEN, IN_SIGHT = 1, 2
 _DECIMALS = 4
+MOST_PLACES = 10**7
+"""Of points in images that are read of a file."""
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
@@ -112,7 +114,7 @@ def _frames(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str], 
     numbers = [int(number[1]) for number in found if number is not None]
     if len(numbers) < len(names) or (first is None and min(numbers) > 0):
         raise QueryError(
-            f"{path}: the images ({names[0]}, ...) do not tell which frames of the clip they are; give the clip's "
+            f"{path}: the images ({names[0]!r}, ...) do not tell which frames of the clip they are; give the clip's "
             "folder of such files, or the number that its first frame has in their names"
         )
     return [number - (first or 0) for number in numbers]
@@ -139,6 +141,8 @@ def _keypoints(
             row = names.setdefault(f"{owner}.{name}" if several else name, len(names))
             if seen >= HIDDEN:
                 rows.append((row, columns[frame], x, y, float(seen == IN_SIGHT)))
+    if len(names) * len(columns) > MOST_PLACES:
+        raise QueryError(f"{path} has {len(names)} points in {len(columns)} images, which is too much; give a part")
     xy, score = np.full((len(names), len(columns), 2), np.nan), np.zeros((len(names), len(columns)))
     for row, column, x, y, seen in rows:
         xy[row, column], score[row, column] = (x, y), seen

@@ -28,6 +28,13 @@ LEAST = 15
 _TO_MAP = "follow more points of the static scene, such as with --grid 16@0 --on static"
 
 
+def check(number: int, _: npt.NDArray[np.int64], __: About) -> None:
+    """`TracksFileError` where there are too few points."""
+    import_module("pycolmap")
+    if number < LEAST:
+        raise TracksFileError(f"COLMAP wants {LEAST} points in sight in two frames, but there are {number}; {_TO_MAP}")
+
+
 def write(tracks: Tracks, path: Path, about: About) -> None:
     """Raises `TracksFileError` where the clip's size is not known, or no two frames have matches that COLMAP takes."""
     pycolmap = import_module("pycolmap")
@@ -51,7 +58,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         pycolmap.set_random_seed(0)
         pycolmap.geometric_verification(str(path))
         with pycolmap.Database.open(str(path)) as database:
-            verified = database.num_verified_image_pairs()
+            verified = database.num_inlier_matches()
     if not verified:
         raise TracksFileError(f"COLMAP finds no two frames whose points move as those of a static scene; {_TO_MAP}")
 

@@ -35,30 +35,38 @@ KEY = "df_with_missing"
 """Of the table in an h5 file."""
 MOST_FRAMES = 10**6
 """That a table has rows for."""
+MOST_BYTES = 2**31
+"""That are read of a file."""
+_OF_H5 = RuntimeError, pickle.UnpicklingError
+"""What h5py and names in its files may end in, beside the errors of a table."""
 _LONGEST = 2**16 - 2**10
 """Bytes of all names in an h5 file, less than HDF5's limit of an attribute."""
 _Columns = Sequence[tuple[str, str, str]]
 _GIVE = "give one that DeepLabCut wrote"
 
 
+def check(_: int, frames: npt.NDArray[np.int64], __: About) -> None:
+    """`TracksFileError` where there are more frames than a table has rows for."""
+    first, last = frames.min(initial=0), frames.max(initial=0)
+    if first < 0 or last >= MOST_FRAMES:
+        raise TracksFileError(
+            f"DeepLabCut's table has a row for each frame of the video, 0 to {MOST_FRAMES - 1} at most, but there are "
+            f"tracks in frames {first} to {last}; mend the tracks"
+        )
+
+
 def write(tracks: Tracks, path: Path, about: About) -> None:
     """Predictions for all frames from the clip's first; the likelihood is how surely a point is in sight.
 
     Where a point has no place, and in frames in which none was looked for, cells are empty. Raises `TracksFileError`
-    where there are too many frames, or an .h5 cannot name so many points.
+    where an .h5 cannot name so many points.
     """
     tracks = in_order(tracks)
     names = unique_names(about.names(len(tracks.xy)))
     columns = [(SCORER, name, coord) for name in names for coord in COORDS]
     values = np.concatenate([tracks.xy.astype(np.float64), scores(tracks)[..., None]], axis=-1)
     values[~np.isfinite(values).all(axis=-1)] = np.nan
-    length = max(about.length or 0, int(tracks.frames[-1]) + 1)
-    if tracks.frames[0] < 0 or length > MOST_FRAMES:
-        raise TracksFileError(
-            f"DeepLabCut's table has a row for each frame of the video, 0 to {MOST_FRAMES - 1} at most, but there are "
-            f"tracks in frames {tracks.frames[0]} to {tracks.frames[-1]}; mend the tracks"
-        )
-    numbers = about.numbers(np.arange(length), 0)
+    numbers = about.numbers(np.arange(max(about.length or 0, int(tracks.frames[-1]) + 1)), 0)
     rows = np.full((len(numbers), len(columns)), np.nan)
     rows[tracks.frames] = values.transpose(1, 0, 2).reshape(len(tracks.frames), -1)
     (_write_h5 if path.suffix.lower() == ".h5" else _write_csv)(path, columns, numbers, rows)
@@ -90,7 +98,7 @@ class _Table:
 
 
 def read_keypoints(path: Path) -> Keypoints:
-    """The points of a .csv, or of an .h5 (with the extra `pose`), labels or predictions.
+    """The points of a .csv, or of an .h5 (with the extra `deeplabcut`), labels or predictions.
 
     A name is that of the body part, behind that of its individual where there are several. `QueryError` where the file
     is none of DeepLabCut's.
@@ -100,9 +108,9 @@ def read_keypoints(path: Path) -> Keypoints:
         return _keypoints(path, table)
     except OSError as error:
         raise QueryError(f"{path} cannot be read ({error.strerror or error}); {_GIVE}") from error
-    except (ValueError, KeyError, TypeError, IndexError, OverflowError, EOFError, pickle.UnpicklingError) as error:
-        if isinstance(error, QueryError):
-            raise
+    except QueryError:
+        raise
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, *_OF_H5) as error:
         raise QueryError(f"{path} is not a table of DeepLabCut ({error}); {_GIVE}") from error
 
 
@@ -132,7 +140,9 @@ def _from_h5(path: Path) -> _Table:
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
-        raise QueryError(f"{path} needs h5py, which is not installed; run: pip install 'decomotion[pose]'") from error
+        raise QueryError(
+            f"{path} needs h5py, which is not installed; run: pip install 'decomotion[deeplabcut]'"
+        ) from error
     with h5py.File(path) as file:
         groups = [group for group in file.values() if "pandas_type" in group.attrs]
         if len(groups) != 1:
@@ -140,17 +150,24 @@ def _from_h5(path: Path) -> _Table:
         group = groups[0]
         if "table" in group:
             columns = _plain(group.attrs["non_index_axes"])[0][1]
-            rows = group["table"][()]
-            if "values_block_1" in rows.dtype.names:
+            rows = _content(group["table"])
+            if "values_block_1" in (rows.dtype.names or ()):
                 raise ValueError("its columns are of several types")
             index, values = [str(number) for number in rows["index"]], rows["values_block_0"]
         else:
             if group.attrs["nblocks"] != 1:
                 raise ValueError("its columns are of several types")
-            columns, values = list(zip(*_levels(group, "axis0"), strict=True)), group["block0_values"][()]
+            columns, values = list(zip(*_levels(group, "axis0"), strict=True)), _content(group["block0_values"])
             index = _levels(group, "axis1")[-1] if "axis1_level0" in group else [_text(cell) for cell in group["axis1"]]
     levels = LEVELS if len(columns[0]) == len(LEVELS) else _ONE_ANIMAL
     return _Table(levels, columns, index, np.asarray(values, np.float64))
+
+
+def _content(dataset: Any) -> npt.NDArray[Any]:
+    """All of it: one that only says to be huge takes no memory."""
+    if dataset.size * dataset.dtype.itemsize > MOST_BYTES:
+        raise ValueError(f"it has more than {MOST_BYTES >> 30} GiB")
+    return dataset[()]
 
 
 def _levels(group: Any, axis: str) -> list[list[str]]:
@@ -170,11 +187,11 @@ class _Plain(pickle.Unpickler):
     """Lists, tuples, text and numbers: what else a pickle may ask for has to be looked up, which is refused."""
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:
-        raise pickle.UnpicklingError(f"its names are made by {module_name}.{global_name}, which is not run")
+        raise pickle.UnpicklingError(f"its names are made by {module_name!r}, {global_name!r}, which is not run")
 
 
 def _plain(pickled: Any) -> Any:
-    return _Plain(io.BytesIO(pickled if isinstance(pickled, bytes) else bytes(pickled))).load()
+    return _Plain(io.BytesIO(bytes(pickled))).load()
 
 
 def _keypoints(path: Path, table: _Table) -> Keypoints:
@@ -183,7 +200,7 @@ def _keypoints(path: Path, table: _Table) -> Keypoints:
         named = dict(zip(table.levels, column, strict=True))
         coords = places.setdefault((named.get("individuals", ""), named["bodyparts"]), {})
         if named["coords"] in coords:
-            raise ValueError(f"{named['bodyparts']} is there twice")
+            raise ValueError(f"{named['bodyparts']!r} is there twice")
         coords[named["coords"]] = number
     if any(not {"x", "y"} <= coords.keys() <= set(COORDS) for coords in places.values()):
         raise ValueError("its coords are not x, y and likelihood")

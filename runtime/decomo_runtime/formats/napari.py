@@ -4,19 +4,21 @@
     viewer.add_tracks(data[:, :4], features={"occlusion": data[:, 4], "occluded": data[:, 5]})
 
 Pixel centres are at whole numbers. A layer joins the vertices of a track: hidden ones are there too,
-and marked.
+and marked, but none beyond the frame, which the view would have to hold.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import in_order
+from decomo_runtime.formats.frames import in_frame, in_order
 from decomo_runtime.tracks import Tracks
 
 FIRST_FRAME = 0
@@ -24,7 +26,7 @@ _FORMATS = {"track_id": "%d", "t": "%d", "y": "%.4f", "x": "%.4f", "occlusion": 
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Raises `TracksFileError` where there is nothing to write."""
+    """Raises `TracksFileError` where no point is in the frame."""
     data, features = layer(tracks, about)
     with open(path, "w", encoding="ascii", newline="\n") as file:
         file.write(",".join(_FORMATS) + "\n")
@@ -32,9 +34,16 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
 
 
 def layer(tracks: Tracks, about: About) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[Any]]]:
-    """Vertices [K, 4] of (track_id, t, y, x) and features [K] by name. A place that is not finite has no vertex."""
+    """Vertices [K, 4] of (track_id, t, y, x) and features [K] by name.
+
+    Where the clip's size is known, there is none beyond the frame. Raises `TracksFileError` where there is none at all.
+    """
     tracks = in_order(tracks)
-    point, column = np.nonzero(np.isfinite(tracks.xy).all(axis=-1))
+    about = replace(about, size=about.size or tracks.size)
+    kept = np.isfinite(tracks.xy).all(axis=-1) if about.size is None else in_frame(tracks, about)
+    if not kept.any():
+        raise TracksFileError("no point is in the frame at any time, so that there is nothing to write")
+    point, column = np.nonzero(kept)
     x, y = tracks.xy[point, column].astype(np.float64).T
     data = np.column_stack([point, about.numbers(tracks.frames, FIRST_FRAME)[column], y, x])
     return data.astype(np.float64), {

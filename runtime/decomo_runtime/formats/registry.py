@@ -5,7 +5,7 @@ A format is a module of this package with
 - `write(tracks, path, about)`, which may take for granted that `path` is new;
 - where `reads` says so, `read(path) -> (tracks, about)`;
 - where the tool has limits, `check(number, frames, about)`, which raises `TracksFileError` where so many points, such
-  frames or names pass them.
+  frames or names pass them, or, as `write` would, `ModuleNotFoundError` where a library is missing.
 
 It is imported when the format is used. Libraries that an extra installs are imported within those functions; the extra
 is named where one is missing.
@@ -62,7 +62,8 @@ class TracksFormat:
         """
         check = getattr(self._module, "check", None)
         if check is not None:
-            check(number, frames, about)
+            with self._extra_told():
+                check(number, frames, about)
 
     def write(self, tracks: Tracks, path: Path, about: About) -> None:
         """Writes `path`, whole or not at all. `TracksFileError` where the tracks do not go into this format."""
@@ -107,8 +108,10 @@ FORMATS = (
     TracksFormat("pftrack", "pftrack", (".txt",), "PFTrack, 2D tracks"),
     TracksFormat("colmap", "colmap", (".db",), "COLMAP, keypoints and verified matches", extra="colmap"),
     TracksFormat("napari", "napari", (".csv",), "napari, a Tracks layer", by_ending=False),
-    TracksFormat("deeplabcut", "deeplabcut", (".csv", ".h5"), "DeepLabCut, predictions", by_ending=False, extra="pose"),
-    TracksFormat("sleap", "sleap", (".slp",), "SLEAP, predictions", extra="pose"),
+    TracksFormat(
+        "deeplabcut", "deeplabcut", (".csv", ".h5"), "DeepLabCut, predictions", by_ending=False, extra="deeplabcut"
+    ),
+    TracksFormat("sleap", "sleap", (".slp",), "SLEAP, predictions", extra="sleap"),
     TracksFormat("coco", "coco", (".json",), "COCO, keypoints with visibility", by_ending=False),
     TracksFormat("mot", "mot", (".txt",), "MOT Challenge, the box of all points", by_ending=False),
     TracksFormat("rerun", "rerun", (".rrd",), "rerun, a recording", extra="rerun"),

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import in_order
@@ -22,10 +23,15 @@ from decomotion.clip import read_clip
 FIRST_FRAME = 0
 CLIP, IN_SIGHT, HIDDEN, TRAILS = "clip", "clip/in_sight", "clip/hidden", "clip/trails"
 """Entities."""
-_FAINT = 80
-"""Opacity of hidden points, of 255."""
-_RADIUS, _WIDTH = 2.5, 0.75
+_RADII = {IN_SIGHT: 2.5, HIDDEN: 1.0}
+_WIDTH = 0.5
+"""Half of a trail's, in pixels as radii are."""
 _JPEG = 90
+
+
+def check(_: int, __: npt.NDArray[np.int64], ___: About) -> None:
+    """`ModuleNotFoundError` where rerun is missing: it has no limits."""
+    import_module("rerun")
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
@@ -41,6 +47,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     with rr.RecordingStream("decomotion") as recording:
         recording.save(str(path), default_blueprint=_blueprint(about))
         recording.send_recording_name(about.name)
+        recording.set_log_time_enabled(False)  # a timeline of when this ran
         for column in shown(range(len(tracks.frames)), "frames"):
             frame = int(tracks.frames[column])
             recording.set_time("frame", sequence=int(about.numbers(tracks.frames[column : column + 1], FIRST_FRAME)[0]))
@@ -50,13 +57,12 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
                 _, jpeg = cv2.imencode(".jpg", clip.frames[frame][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG])
                 recording.log(CLIP, rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
             for entity, rows in ((IN_SIGHT, seen[:, column]), (HIDDEN, placed[:, column] & ~seen[:, column])):
-                opacity = np.full((rows.sum(), 1), 255 if entity == IN_SIGHT else _FAINT, np.uint8)
                 recording.log(
                     entity,
                     rr.Points2D(
                         xy[rows, column],
-                        radii=_RADIUS,
-                        colors=np.hstack([colours[rows], opacity]),
+                        radii=_RADII[entity],
+                        colors=colours[rows],
                         labels=names[rows].tolist(),
                         show_labels=False,
                     ),
@@ -64,6 +70,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             steps = seen[:, column] & seen[:, max(0, column - 1)]
             segments = xy[steps][:, [max(0, column - 1), column]]
             recording.log(TRAILS, rr.LineStrips2D(segments, radii=_WIDTH, colors=colours[steps]))
+        recording.disconnect()
 
 
 def _blueprint(about: About) -> Any:

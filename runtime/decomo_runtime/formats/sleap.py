@@ -6,16 +6,30 @@ not visible, and its place is kept.
 
 from __future__ import annotations
 
+import json
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.frames import clip_files, in_order, scores, unique_names
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
+
+_LONGEST = 60_000
+"""Bytes of all nodes, a little less than HDF5's limit of an attribute."""
+
+
+def check(number: int, _: npt.NDArray[np.int64], about: About) -> None:
+    """`TracksFileError` where there are more points than a skeleton names."""
+    import_module("sleap_io")
+    names = unique_names(about.names(number))
+    if len(json.dumps([{"name": name, "weight": 1.0, "id": number} for number, name in enumerate(names)])) > _LONGEST:
+        raise TracksFileError(f"a skeleton of SLEAP cannot have {len(names)} nodes; follow fewer points")
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:

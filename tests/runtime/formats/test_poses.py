@@ -57,6 +57,16 @@ class TestDeepLabCut:
         np.testing.assert_array_equal(poses.confidence.sel(keypoints="point_00").values[:, 0], [0.75, 1, 0, 1, 1])
         np.testing.assert_allclose(poses.time.values, np.arange(5) / 25)
 
+    def test_pandas_reads_h5(self, tmp_path: Path):
+        pandas, _ = consumer("pandas"), consumer("tables")
+        scored_tracks().save(tmp_path / "a.h5", about=About(first_frame=10))
+        table = pandas.read_hdf(tmp_path / "a.h5", "df_with_missing")
+        assert table.columns.names == ["scorer", "bodyparts", "coords"]
+        assert table.index.tolist() == [10, 11, 12, 13, 14]
+        corner = table["decomotion"]["point_00"]
+        np.testing.assert_array_equal(corner[["x", "y"]], places_of_corner())
+        np.testing.assert_array_equal(corner["likelihood"], [0.75, 1, 0, 1, 1])
+
     def test_its_first_lines(self, tmp_path: Path):
         scored_tracks().save(tmp_path / "a.csv", "deeplabcut")
         assert (tmp_path / "a.csv").read_text().startswith(FIRST)
@@ -106,24 +116,26 @@ class TestDeepLabCut:
                 far.save(tmp_path / "a.csv", "deeplabcut")
         assert not list(tmp_path.iterdir())
 
-    @pytest.mark.parametrize("length", [1, 40])
-    def test_the_most_that_h5_can_name(self, tmp_path: Path, length: int):
-        consumer("tables")
-        one = Tracks(
-            *(np.zeros((1, 2, 2), np.float32), np.zeros((1, 2), bool), np.zeros((1, 2), np.float32)),
-            *(np.zeros((1, 3), np.float32), np.arange(2)),
-        )
-        fits, not_any_more = 1, 2000
-        while not_any_more - fits > 1:
-            count = (fits + not_any_more) // 2
-            names = tuple(f"{number:0{length}}" for number in range(count))
-            tracks = replace(one, **{name: getattr(one, name).repeat(count, axis=0) for name in FIELDS})
-            try:
-                tracks.save(tmp_path / "a.h5", about=About(points=names))
-                fits = count
-            except TracksFileError:
-                not_any_more = count
-        assert fits > 300
+
+@pytest.mark.parametrize("length", [1, 40])
+@pytest.mark.parametrize(("ending", "library", "least"), [(".h5", "tables", 300), (".slp", "sleap_io", 600)])
+def test_the_most_points_that_can_be_named(tmp_path: Path, ending: str, library: str, least: int, length: int):
+    consumer(library)
+    one = Tracks(
+        *(np.zeros((1, 2, 2), np.float32), np.zeros((1, 2), bool), np.zeros((1, 2), np.float32)),
+        *(np.zeros((1, 3), np.float32), np.arange(2)),
+    )
+    fits, not_any_more = 1, 2000
+    while not_any_more - fits > 1:  # the last that is taken is the most, and is written as well
+        count = (fits + not_any_more) // 2
+        names = tuple(f"{number:0{length}}" for number in range(count))
+        tracks = replace(one, **{name: getattr(one, name).repeat(count, axis=0) for name in FIELDS})
+        try:
+            tracks.save(tmp_path / f"a{ending}", about=About(points=names))
+            fits = count
+        except TracksFileError:
+            not_any_more = count
+    assert least < fits < 1999
 
 
 class TestSleap:
@@ -153,6 +165,12 @@ class TestSleap:
         expected = [PLACES["corner"].get(frame, (np.nan, np.nan)) for frame in range(NUM_FRAMES)]
         np.testing.assert_array_equal(corner, expected)
         assert poses.individuals.values.tolist() == ["clip"]
+
+    def test_more_points_than_a_skeleton_names(self, tmp_path: Path):
+        many = {name: getattr(known_tracks(), name).repeat(1000, axis=0) for name in FIELDS}
+        with pytest.raises(TracksFileError, match="a skeleton of SLEAP cannot have 3000 nodes; follow fewer points"):
+            self.written(tmp_path, replace(known_tracks(), **many))
+        assert not list(tmp_path.iterdir())
 
     def test_its_video(self, tmp_path: Path):
         labels = self.written(tmp_path, late_tracks(), clip=Path("shots/goat.mp4"), length=90)
