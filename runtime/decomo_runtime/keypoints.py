@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,15 +60,18 @@ def read_keypoints(path: str | Path, files: Sequence[str] = (), first: int | Non
     `files` are the names of the clip's frames, `first` is the number of its first frame in names of images: what COCO
     may need to tell the frames (`formats/coco.py`). `QueryError` where the file is none of these.
     """
-    from decomo_runtime.formats import coco, deeplabcut
-
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".json":
-        return coco.read_keypoints(path, files, first)
+        return _format("coco").read_keypoints(path, files, first)
     if suffix in (".csv", ".h5"):
-        return deeplabcut.read_keypoints(path)
+        return _format("deeplabcut").read_keypoints(path)
     raise QueryError(f"{path} is no file of keypoints by its ending; give DeepLabCut's .csv or .h5, or COCO's .json")
+
+
+def _format(name: str) -> Any:
+    """By its name: formats are made of `Keypoints`."""
+    return import_module(f"decomo_runtime.formats.{name}")
 
 
 def _spans(frames: npt.NDArray[np.int64], most: int = 5) -> str:
