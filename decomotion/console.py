@@ -35,7 +35,7 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:
         with _threads_quiet_on_disk_failures():
-            result = command.main(args=None if argv is None else list(argv), standalone_mode=False)
+            result = versioned(command).main(args=None if argv is None else list(argv), standalone_mode=False)
     except InputError as error:
         click.echo(f"Error: {error}", err=True)
         return BAD_INPUT
@@ -60,6 +60,13 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         return INTERRUPTED
     return result if isinstance(result, int) else 0
+
+
+def versioned(command: click.Command) -> click.Command:
+    """The same command, with the option `--version`."""
+    if all(parameter.name != "version" for parameter in command.params):
+        click.version_option(package_name="decomotion", message="%(prog)s %(version)s")(command)
+    return command
 
 
 def _end_with_stdin() -> None:

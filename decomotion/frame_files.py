@@ -28,6 +28,8 @@ AnyDepth = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png"}
 DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras and renderers give to a value; 16-bit files hold any of them."""
+JPEG_BLACK = 127
+"""A JPEG's edges ring: of a mask, what is not brighter than this is black."""
 _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
 
 
@@ -149,6 +151,12 @@ def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
     if frame is None or frame.dtype not in (np.uint8, np.uint16):  # files of floats, whatever their suffix
         return None
     return cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
+
+
+def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:
+    """Where an image file is not black, [H, W]; None where it does not decode. `suffix` is its name's."""
+    image = decode_frame(content)
+    return None if image is None else image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
 
 
 def _source(file: Path) -> SourceFile:

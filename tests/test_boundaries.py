@@ -25,7 +25,9 @@ GROUND_FLOOR = [
     "decomotion.arrays",
     "decomotion.__version__",
     "decomotion.clip",
+    "decomotion.commands",
     "decomotion.console",
+    "decomotion.entry",
     "decomotion.errors",
     "decomotion.files",
     "decomotion.frame_files",
@@ -62,7 +64,11 @@ FETCHED = {
     "decomo_eval.bench.task": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
-OF_AN_EXTRA = {"decomotion.jobs.cluster": "ray", "decomo_eval.report.charts": "report"}
+OF_AN_EXTRA = {
+    "decomotion.jobs.cluster": "ray",
+    "decomo_eval.report.charts": "report",
+    "decomo_runtime.flow.exr": "exr",
+}
 """Modules that fetch what one extra installs, when it is asked for and not before."""
 SHARED_BY_THE_PROCESS = (
     r"signal\.signal|basicConfig|setLevel|seterr|setNumThreads|setRNGSeed|random\.seed|environ\[[^]]*\] ="
@@ -70,7 +76,7 @@ SHARED_BY_THE_PROCESS = (
 )
 RESTORES = ["decomotion.jobs.cluster"]
 """Modules that change some of it for a while: their tests see it restored."""
-SELDOM_ASKED_FOR = ["ray", "matplotlib"]
+SELDOM_ASKED_FOR = ["ray", "matplotlib", "OpenEXR"]
 """What those extras install."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
 TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]

@@ -53,7 +53,7 @@ def test_a_wrong_shape_fails_in_tests():
 def test_readme_begins_with_two_one_line_commands():
     main_job, tests = shell_blocks(README)[0]
     assert "'.[train]'" in main_job
-    further = ("decomo-prepare", "decomo-convert", "decomo-render", "decomo-view", "decomo-bench")
+    further = ("decomo-prepare", "decomo-convert", "decomo-flow", "decomo-render", "decomo-view", "decomo-bench")
     assert all(command in main_job for command in COMMANDS if command not in further)
     assert "'.[dev]'" in tests
     assert tests.endswith("pytest")
@@ -73,6 +73,7 @@ def documented_options(command: str) -> set[str]:
     pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
     lines = [line for page in pages for block in shell_blocks(page.read_text()) for line in block]
     calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\||\s--\s", line)]
+    calls = [[f"decomo-{call[1]}", *call[2:]] if call[:1] == ["decomo"] and call[1:] else call for call in calls]
     return {word for call in calls if call[:1] == [command] for word in call[1:] if word.startswith("--")}
 
 

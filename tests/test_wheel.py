@@ -128,11 +128,13 @@ def test_eval_scores_a_folder_of_models(bin_folder: Path, sample: Path):
     assert 0 <= scores["mean"]["average_jaccard"] <= 1
 
 
-@pytest.mark.parametrize("command", ["decomo-train", "decomo-export"])
+@pytest.mark.parametrize("command", ["decomo-train", "decomo-export", "decomo train"])
 def test_training_commands_say_what_to_install(command: str, bin_folder: Path, sample: Path):
     """Their help works; the work itself asks for the extra in one sentence."""
-    assert succeeds(bin_folder / command, "--help", cwd=sample).startswith("Usage: ")
-    result = run(bin_folder / command, "sample/clip" if command == "decomo-train" else "new.onnx", cwd=sample)
+    program, *words = command.split()
+    assert succeeds(bin_folder / program, *words, "--help", cwd=sample).startswith(f"Usage: {command} ")
+    argument = "new.onnx" if command == "decomo-export" else "sample/clip"
+    result = run(bin_folder / program, *words, argument, cwd=sample)
     assert result.returncode == 2
     assert "pip install 'decomotion[train]'" in result.stderr
     assert "Traceback" not in result.stderr

@@ -14,7 +14,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from decomo_runtime.dense import Dense
     from decomo_runtime.errors import (
+        FlowError,
         ModelFileError,
         OverlayError,
         QueryError,
@@ -25,19 +27,21 @@ if TYPE_CHECKING:
         TracksFileError,
         ViewError,
     )
+    from decomo_runtime.flow.folder import write_flow
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.convert import convert
     from decomo_runtime.layers import render
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
-    from decomo_runtime.tracker import Dense, Tracker
+    from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
     "About",
     "Appearance",
     "Dense",
+    "FlowError",
     "ModelFacts",
     "ModelFileError",
     "OverlayError",
@@ -53,18 +57,20 @@ __all__ = [
     "convert",
     "remove_objects",
     "render",
+    "write_flow",
 ]
 
 _HOMES = {
     "About": "formats.about",
     "Appearance": "model",
-    "Dense": "tracker",
+    "Dense": "dense",
     "ModelFacts": "model_file",
     "Tracker": "tracker",
     "Tracks": "tracks",
     "convert": "formats.convert",
     "remove_objects": "removal",
     "render": "layers",
+    "write_flow": "flow.folder",
 }
 
 

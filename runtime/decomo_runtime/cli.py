@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 _PATH = click.Path(path_type=Path)
 DYNAMIC, STATIC = KINDS = ("dynamic", "static")
+SPACED = ("--mask", "--polygon", "--box")
+"""Ways of giving points that `--spacing` says how many of."""
 
 
 @click.command(context_settings={"show_default": True})
@@ -25,6 +29,17 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
 @click.option("--point", "points", metavar="T,X,Y", multiple=True, help="A point seen in frame T; may be repeated.")
 @click.option("--queries", "queries_file", metavar="CSV", type=_PATH, help="Points from a file with the header t,x,y.")
 @click.option("--grid", metavar="STEP@T", help="A point every STEP pixels of frame T.")
+@click.option("--mask", metavar="PNG@T", help="Points where this image is not black, in frame T.")
+@click.option("--polygon", metavar="X,Y,X,Y,...@T", help="Points within a polygon of frame T.")
+@click.option("--box", metavar="X,Y,W,H@T", help="Points within a box of frame T; X, Y: first column and row.")
+@click.option(
+    "--points-from",
+    metavar="FILE[@T]",
+    help="Keypoints of DeepLabCut (.csv, .h5) or COCO (.json), each where it is surest, or in frame T.",
+)
+@click.option(
+    "--spacing", metavar="PIXELS", type=float, show_default="8", help="Of points in a --mask, --polygon or --box."
+)
 @click.option("--on", type=click.Choice(KINDS), help="Of the points, follow those on objects, or on the static scene.")
 @click.option(
     "--frames",
@@ -37,6 +52,9 @@ DYNAMIC, STATIC = KINDS = ("dynamic", "static")
 @click.option("--to", metavar="NAME", show_default="by its ending", help="Format of --out; decomo-convert lists them.")
 @click.option("--overlay", metavar="MP4", type=_PATH, help="Also draw the tracks on the clip; needs --clip.")
 @click.option("--refine", is_flag=True, help="Register what is in sight on the clip's own pixels; needs --clip.")
+@click.option(
+    "--max-error", metavar="PIXELS", type=float, help="Mark answers hidden that may be farther off than this."
+)
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
 @drawing_options
 def track(
@@ -44,20 +62,27 @@ def track(
     points: Sequence[str],
     queries_file: Path | None,
     grid: str | None,
+    mask: str | None,
+    polygon: str | None,
+    box: str | None,
+    points_from: str | None,
+    spacing: float | None,
     on: str | None,
     frame_range: str | None,
     out: Path,
     to: str | None,
     overlay: Path | None,
     refine: bool,
+    max_error: float | None,
     clip_path: Path | None,
     mark: str,
     trails: str,
 ) -> None:
     """Follows points through the clip that MODEL was fitted to.
 
-    MODEL is a file written by decomo-export. Give the points in one way: --point, --queries or --grid. Frames count
-    from 0; x and y are pixels of the clip, pixel centres at whole numbers.
+    MODEL is a file, or the folder of a clip of several windows, written by decomo-export. Give the points in one way:
+    --point, --queries, --grid, --mask, --polygon, --box or --points-from. Frames count from 0; x and y are pixels of
+    the clip, pixel centres at whole numbers.
     """
     import time
 
@@ -74,25 +99,48 @@ def track(
     from decomotion.clip import read_clip
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
-    if bool(points) + (queries_file is not None) + (grid is not None) != 1:
-        raise QueryError("give the points in exactly one way: --point, --queries or --grid")
-    if (overlay is not None or refine) != (clip_path is not None):
-        raise OverlayError("--clip goes with --overlay or --refine: give the frames to draw on, or to find points in")
+    ways = {
+        "--point": points or None,
+        "--queries": queries_file,
+        "--grid": grid,
+        "--mask": mask,
+        "--polygon": polygon,
+        "--box": box,
+        "--points-from": points_from,
+    }
+    given = {option: value for option, value in ways.items() if value is not None}
+    if len(given) != 1:
+        *others, last = ways
+        raise QueryError(f"give the points in exactly one way: {', '.join(others)} or {last}")
+    if spacing is not None and not given.keys() & SPACED:
+        raise QueryError(f"--spacing goes with {', '.join(SPACED[:-1])} or {SPACED[-1]}; a --grid has its own")
+    drawn_or_refined = overlay is not None or refine
+    if drawn_or_refined if clip_path is None else not (drawn_or_refined or points_from):
+        raise OverlayError(
+            "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
+            "keypoints name"
+        )
     check_drawing(overlay, mark, trails)
-    wanted = format_of(out, to)
-    (check_new_folder if wanted.folder else check_output)("--out", out)
-    check_not_input("--out", out, model, queries_file, clip_path)
+    form = format_of(out, to)
+    (check_new_folder if form.folder else check_output)("--out", out)
+    read = (model, queries_file, *(_parted(text)[0] for text in (mask, points_from) if text), clip_path)
+    check_not_input("--out", out, *read)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
-        check_not_input("--overlay", overlay, model, queries_file, clip_path)
+        check_not_input("--overlay", overlay, *read)
 
     tracker = Tracker(model)
-    queries = check_queries(_wanted_queries(points, queries_file, grid, tracker.facts), tracker.facts)
+    if points_from is not None:
+        queries, names = _keypoints(points_from, clip_path)
+    else:
+        queries, names = _wanted_queries(*given.popitem(), spacing, tracker.facts), ()
+    queries = check_queries(queries, tracker.facts)
     if on is not None:
-        queries = queries[tracker.on_object(queries) == (on == DYNAMIC)]
+        wanted = tracker.on_object(queries) == (on == DYNAMIC)
+        queries, names = queries[wanted], tuple(compress(names, wanted))
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
-    about = About.of(tracker.facts, clip_path)
-    wanted.check(len(queries), np.arange(tracker.num_frames) if frames is None else frames, about)
+    about = replace(About.of(tracker.facts, clip_path), points=names)
+    form.check(len(queries), np.arange(tracker.num_frames) if frames is None else frames, about)
     clip = None
     if clip_path is not None:
         clip = read_clip(clip_path)
@@ -103,35 +151,56 @@ def track(
     if refine and clip is not None:
         tracks = tracker.refine(tracks, clip.frames)
     seconds = time.perf_counter() - start
-    wanted.write(tracks, out, about)
+    model_hidden, marked = tracks.occluded, ""
+    if max_error is not None:
+        tracks = tracks.within(max_error)
+        marked = f"{_share(tracks.occluded & ~model_hidden)} marked hidden for their error, "
+    form.write(tracks, out, about)
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)
         write_video(overlay, drawn, clip.fps, times=clip.times[tracks.frames], pixel_aspect=clip.pixel_aspect)
 
     number, length = tracks.occluded.shape
-    hidden = _share(tracks.occluded)
     refined = "" if tracks.refined is None else f"{_share(tracks.refined)} refined, "
     click.echo(
         f"{number} point{'s' * (number != 1)} of {tracker.clip_name} in {length} frame{'s' * (length != 1)}, "
-        f"{hidden} occluded, {refined}{seconds:.2f} s"
+        f"{_share(model_hidden)} occluded, {refined}{marked}{seconds:.2f} s"
     )
     for path in (out, overlay):
         if path is not None:
             click.echo(f"wrote {path}")
 
 
-def _wanted_queries(
-    points: Sequence[str], queries_file: Path | None, grid: str | None, model: ModelFacts
-) -> np.ndarray:
-    """[N, 3] rows of (t, x, y) from the one option that is given."""
+def _wanted_queries(option: str, value: Any, spacing: float | None, model: ModelFacts) -> np.ndarray:
+    """[N, 3] rows of (t, x, y), given by the value of one option."""
     from decomo_runtime.queries import grid_queries, parse_grid, parse_points, read_queries
+    from decomo_runtime.regions import box_queries, mask_queries, polygon_queries
 
-    if queries_file is not None:
-        return read_queries(queries_file)
-    if grid is not None:
-        return grid_queries(*parse_grid(grid), model.height, model.width)
-    return parse_points(points)
+    if option == "--queries":
+        return read_queries(value)
+    if option == "--grid":
+        return grid_queries(*parse_grid(value), model.height, model.width)
+    if option == "--point":
+        return parse_points(value)
+    regions = {"--mask": mask_queries, "--polygon": polygon_queries, "--box": box_queries}
+    return regions[option](value, spacing, model)
+
+
+def _keypoints(text: str, clip_path: Path | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """[N, 3] rows of (t, x, y) and their names, from `"FILE"` or `"FILE@T"`."""
+    from decomo_runtime.formats.frames import clip_files
+    from decomo_runtime.keypoints import read_keypoints
+
+    path, frame = _parted(text)
+    files = () if clip_path is None else [file.name for file in clip_files(clip_path)]
+    return read_keypoints(path, files).queries(frame)
+
+
+def _parted(text: str) -> tuple[Path, int | None]:
+    """File and frame of `"FILE@T"`, or of `"FILE"`."""
+    name, _, frame = text.rpartition("@")
+    return (Path(name), int(frame)) if name and frame.isdecimal() else (Path(text), None)
 
 
 def _share(mask: np.ndarray) -> str:

@@ -29,6 +29,10 @@ class OverlayError(RuntimeInputError):
     """The clip given for the overlay is not the one that the model was fitted to."""
 
 
+class FlowError(RuntimeInputError):
+    """Dense correspondence is asked for between frames, or in a format, that do not exist."""
+
+
 class RefinementError(RuntimeInputError):
     """The frames or the tracks are not of the clip that the model was fitted to, so that nothing can be refined."""
 

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import RefinementError
+from decomo_runtime.expected_error import refined_error
 from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.registration import (
@@ -82,8 +83,9 @@ class AnyTracker(Protocol):
 def refine(tracker: AnyTracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
     """`tracks` with what is found of them in `frames` (RGB, uint8 [T, H, W, 3], of the whole clip), and `refined` set.
 
-    Occlusion stays as it is. One point's answer does not depend on the others; frames that are not asked for are not
-    read, except those of the queries. Raises `RefinementError` where frames or tracks are not of the tracker's clip.
+    Occlusion stays as it is; the expected error shrinks where a point is found. One point's answer does not depend on
+    the others; frames that are not asked for are not read, except those of the queries. Raises `RefinementError` where
+    frames or tracks are not of the tracker's clip.
     """
     model = tracker.facts
     if tuple(frames.shape) != (model.num_frames, model.height, model.width, 3):
@@ -103,7 +105,8 @@ def refine(tracker: AnyTracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
         rows = slice(begin, begin + CHUNK)
         search = _Search(tracker, tracks.queries[rows], tracks.frames, tracks.xy[rows], ~tracks.occluded[rows], frames)
         xy[rows], refined[rows] = search.run()
-    return replace(tracks, xy=xy, refined=refined)
+    error = None if tracks.error is None else refined_error(tracks.error, refined)
+    return replace(tracks, xy=xy, refined=refined, error=error)
 
 
 class _Search:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.chunks import query_chunks
+from decomo_runtime.dense import Dense, dense_flows
+from decomo_runtime.expected_error import expected_error
 from decomo_runtime.journey import follow
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import Providers
@@ -27,18 +28,6 @@ from decomotion.quality import Quality
 
 if TYPE_CHECKING:
     from decomotion.frames import AnyFrames
-
-
-@dataclass(frozen=True, eq=False)
-class Dense:
-    """Where all pixels of one frame are in another."""
-
-    flow: npt.NDArray[np.float32]
-    """[H, W, 2], displacement (x, y) in pixels."""
-    occluded: npt.NDArray[np.bool_]
-    """[H, W], True where the score is above the model's threshold."""
-    occlusion: npt.NDArray[np.float32]
-    """[H, W], score from 0 (surely in sight) to 1 (surely hidden)."""
 
 
 class Tracker:
@@ -131,7 +120,8 @@ class Tracker:
         xy, occlusion = follow(self._models, queries, frames, chunk, max_memory)
         size = self.height, self.width
         occluded = occlusion > self.occlusion_threshold
-        return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames])
+        error = expected_error(occlusion, queries, frames, self.facts)
+        return Tracks(xy, occluded, occlusion, queries, frames, size, self.times[frames], error=error)
 
     def stream(
         self,
@@ -164,12 +154,7 @@ class Tracker:
 
     def dense(self, frame: int, *, to: int, max_memory: int | None = None) -> Dense:
         """Where each pixel of `frame` is in frame `to`, and whether it is hidden there."""
-        check_frames([frame, to], self.num_frames)
-        y, x = np.indices((self.height, self.width), np.float32)
-        queries = np.stack([np.full(x.size, frame, np.float32), x.ravel(), y.ravel()], axis=1)
-        tracks = self.track(queries, [to], max_memory=max_memory)
-        flow = (tracks.xy[:, 0] - queries[:, 1:]).reshape(*x.shape, 2)
-        return Dense(flow, tracks.occluded.reshape(x.shape), tracks.occlusion.reshape(x.shape))
+        return next(dense_flows(self, frame, [to], max_memory))
 
     def sample(self, queries: npt.ArrayLike, *, chunk: int | None = None, max_memory: int | None = None) -> Appearance:
         """Colours, static confidence and depth that the model renders along the rays of `queries` [N, 3].

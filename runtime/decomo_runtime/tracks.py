@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
 
 
@@ -34,6 +35,20 @@ class Tracks:
     refined: npt.NDArray[np.bool_] | None = None
     """[N, M], True where the place was found in the clip's own pixels (`Tracker.refine`) and is not the model's answer;
     None where nothing was sought."""
+    error: npt.NDArray[np.float32] | None = None
+    """[N, M], expected error in pixels of the clip: four of five answers are within it (`expected_error.py`); 0 at the
+    query. None where a file does not say."""
+
+    def within(self, max_error: float) -> Tracks:
+        """The same tracks, with answers marked hidden that may be farther off than `max_error` pixels.
+
+        Raises `QueryError` where the error is not known, or `max_error` is not above 0.
+        """
+        if not max_error > 0:
+            raise QueryError(f"an error of {max_error:g} pixels is none to ask for; give one above 0")
+        if self.error is None:
+            raise QueryError("these tracks do not say how far off they may be; ask the model again")
+        return replace(self, occluded=self.occluded | (self.error > max_error))
 
     def save(self, path: str | Path, to: str | None = None, *, about: About | None = None) -> None:
         """Writes `path`, whole or not at all, in the format `to`, or in the one that its ending means.

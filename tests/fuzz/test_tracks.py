@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,13 +17,15 @@ from decomo_eval.dataset import Video
 from decomo_eval.errors import PredictionError
 from decomo_eval.predictions import from_npz
 from decomo_eval.tapvid import sample_queries
-from decomo_runtime import About, QueryError, Tracks
+from decomo_runtime import About, ModelFacts, QueryError, Tracks
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.layouts import from_cotracker
-from decomo_runtime.queries import read_queries
+from decomo_runtime.queries import check_queries, read_queries
+from decomo_runtime.regions import box_queries, mask_queries, polygon_queries
 from decomotion.clip import Clip
 from decomotion.data.links.tracks import read_tracks
 from decomotion.errors import SupervisionError
+from decomotion.images import png
 from near_misses import Arrays, answer, any_or_near, forged_npy, forged_zip, near_arrays, near_tree, npy, npz
 
 POINTS, FRAMES, HEIGHT, WIDTH = 4, 7, 24, 40
@@ -30,7 +34,8 @@ OCCLUDED = RANDOM.random((POINTS, FRAMES)) < 0.3
 OCCLUDED[:, :2] = False
 XY = RANDOM.uniform(3, HEIGHT - 4, (POINTS, FRAMES, 2)).astype(np.float32)
 QUERIES = np.column_stack([np.zeros(POINTS), XY[:, 0]]).astype(np.float32)
-TRACKS = Tracks(XY, OCCLUDED, OCCLUDED.astype(np.float32), QUERIES, np.arange(FRAMES), (HEIGHT, WIDTH))
+ERROR = RANDOM.uniform(0, 9, (POINTS, FRAMES)).astype(np.float32)
+TRACKS = Tracks(XY, OCCLUDED, OCCLUDED.astype(np.float32), QUERIES, np.arange(FRAMES), (HEIGHT, WIDTH), error=ERROR)
 
 
 def members(arrays: Arrays) -> list[tuple[str, bytes]]:
@@ -57,12 +62,13 @@ def check_tracks(tracks: Tracks | None) -> None:
             ((frames,), np.int64),
         ]
         assert tracks.occluded.dtype == bool
+        assert tracks.error is None or (tracks.error.shape, tracks.error.dtype) == ((points, frames), np.float32)
         assert tracks.size is None or min(tracks.size) >= 1
 
 
 OURS = {
     **{"queries": QUERIES, "tracks": XY, "occluded": OCCLUDED, "occlusion": OCCLUDED.astype(np.float32)},
-    **{"frames": np.arange(FRAMES), "height": np.array(HEIGHT), "width": np.array(WIDTH)},
+    **{"frames": np.arange(FRAMES), "height": np.array(HEIGHT), "width": np.array(WIDTH), "error": ERROR},
 }
 
 
@@ -169,6 +175,36 @@ def test_queries(place: Path, content: bytes):
         assert queries.dtype == np.float64
         assert queries.ndim == 2
         assert queries.shape[1] == 3
+
+
+FACTS = ModelFacts("clip", FRAMES, HEIGHT, WIDTH, 24.0, "cpu", 0.5)
+REGIONS = {polygon_queries: "3,4,20.5,6,9,18@2", box_queries: "3,4,20.5,6@2"}
+
+
+def check_queries_of_a_region(queries: npt.NDArray[np.float64] | None) -> None:
+    if queries is not None:
+        assert len(check_queries(queries, FACTS)) > 0
+
+
+@given(data=st.data())
+@pytest.mark.parametrize("read", REGIONS)
+def test_regions(read: Callable[..., npt.NDArray[np.float64]], data: st.DataObject):
+    parts = REGIONS[read].replace("@", ",@,").split(",")
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(parts) - 1))
+        parts[place : place + 1] = data.draw(st.lists(st.sampled_from([*CELLS, "@", "3", "-7.5", "1e6"]), max_size=2))
+        parts = parts or [""]
+    text = ",".join(parts).replace(",@,", "@")
+    check_queries_of_a_region(answer(lambda: read(text, 1.5, FACTS), QueryError))
+
+
+MASK = png(255 * (RANDOM.random((HEIGHT, WIDTH)) < 0.2).astype(np.uint8))
+
+
+@given(content=any_or_near(MASK))
+def test_masks(place: Path, content: bytes):
+    (place / "m.png").write_bytes(content)
+    check_queries_of_a_region(answer(lambda: mask_queries(f"{place / 'm.png'}@3", 2.0, FACTS), QueryError))
 
 
 CLIP = Clip("clip", np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8), 24.0)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Callable
 from fractions import Fraction
@@ -67,6 +68,76 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
         assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
         assert stream.average_rate == 24
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
+
+
+@pytest.mark.parametrize(
+    ("region", "queries"),
+    [
+        (["--box", "8,20,9,5@3", "--spacing", "4"], [[3, x, y] for y in (20, 24) for x in (8, 12, 16)]),
+        (["--polygon", "4,6,8,6,8,10,4,10@1"], [[1, 6, 8]]),
+        (["--mask", "m.png@2", "--spacing", "2.5"], [[2, x, 7] for x in (10.25, 12.75)]),
+    ],
+)
+def test_points_in_a_region(
+    model_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, region: list[str], queries: list[list[float]]
+):
+    monkeypatch.chdir(tmp_path)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[7, 10:14] = 1
+    cv2.imwrite("m.png", mask)
+    assert main([str(model_path), *region, "--out", "tracks.npz"]) == 0
+    assert Tracks.load("tracks.npz").queries.tolist() == queries
+
+
+DEEPLABCUT = """\
+scorer,net,net,net,net,net,net
+bodyparts,nose,nose,nose,tail,tail,tail
+coords,x,y,likelihood,x,y,likelihood
+1,10.5,20.25,0.7,30,31,0.8
+3,11.5,21.25,0.95,32,33,0.7
+"""
+
+
+@pytest.mark.parametrize(
+    ("at", "queries"), [("", [[3, 11.5, 21.25], [1, 30, 31]]), ("@1", [[1, 10.5, 20.25], [1, 30, 31]])]
+)
+def test_keypoints_keep_their_names(model_path: Path, tmp_path: Path, at: str, queries: list[list[float]]):
+    (tmp_path / "dog@home.csv").write_text(DEEPLABCUT)
+    arguments = ["--points-from", f"{tmp_path / 'dog@home.csv'}{at}", "--out", str(tmp_path / "t.json")]
+    assert main([str(model_path), *arguments]) == 0
+    saved = json.loads((tmp_path / "t.json").read_text())
+    assert [point["name"] for point in saved["points"]] == ["nose", "tail"]
+    assert [[point[key] for key in "txy"] for point in saved["points"]] == queries
+
+
+def test_keypoints_on_objects_only_keep_theirs(model_path: Path, tmp_path: Path):
+    """The tiny model's static confidence is t / 6: at frame 3 it is 0.5, not below."""
+    (tmp_path / "dog.csv").write_text(DEEPLABCUT)
+    arguments = ["--points-from", str(tmp_path / "dog.csv"), "--on", "dynamic", "--out", str(tmp_path / "t.json")]
+    assert main([str(model_path), *arguments]) == 0
+    assert [point["name"] for point in json.loads((tmp_path / "t.json").read_text())["points"]] == ["tail"]
+
+
+def test_keypoints_of_images_that_are_named_as_the_clip_s(model_path: Path, clip_path: Path, tmp_path: Path):
+    """Of files a.png to f.png the third is frame 2."""
+    for number in range(NUM_FRAMES):
+        (clip_path / f"{number}.png").rename(clip_path / f"{'abcdef'[number]}.png")
+    coco = {
+        "images": [{"id": 7, "file_name": "c.png"}],
+        "annotations": [{"id": 1, "image_id": 7, "category_id": 1, "keypoints": [5.5, 6, 2]}],
+        "categories": [{"id": 1, "name": "dog", "keypoints": ["nose"]}],
+    }
+    (tmp_path / "coco.json").write_text(json.dumps(coco))
+    arguments = [
+        "--points-from",
+        str(tmp_path / "coco.json"),
+        "--clip",
+        str(clip_path),
+        "--out",
+        str(tmp_path / "t.npz"),
+    ]
+    assert main([str(model_path), *arguments]) == 0
+    assert Tracks.load(tmp_path / "t.npz").queries.tolist() == [[2, 5.5, 6]]
 
 
 @pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
@@ -161,6 +232,17 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
     [
         ([], "exactly one way"),
         (["--point", "0,1,2", "--grid", "8@0"], "exactly one way"),
+        (
+            ["--box", "0,1,2,3@0", "--mask", "a.png@0"],
+            "exactly one way: --point, --queries, --grid, --mask, --poly",
+        ),
+        (["--grid", "8@0", "--spacing", "4"], "--spacing goes with --mask, --polygon or --box; a --grid has its own"),
+        (["--mask", "no.png@0"], "--mask no.png cannot be read"),
+        (["--points-from", "no.csv"], "no.csv cannot be read"),
+        (["--points-from", "points.txt@2"], "points.txt is no file of keypoints by its ending"),
+        (["--box", "48,1,2,3@0"], "--box 48,1,2,3@0 lies outside of the frame"),
+        (["--polygon", "0,0,9,0,9,9@6"], "the frame must be within 0 .. 5"),
+        (["--box", "4,1,2,3@0", "--spacing", "0"], "--spacing 0 must be at least 1 pixel"),
         (["--point", "0,1"], "--point 0,1 is not T,X,Y"),
         (["--point", "0,1,2", "--point", "0,nan,2"], "query row 1 (counted from 0; t=0, x=nan, y=2)"),
         (["--point", "6,1,2"], "t must be within 0 .. 5"),
@@ -169,9 +251,9 @@ def test_no_points_to_follow(model_path: Path, tmp_path: Path, capsys: pytest.Ca
         (["--grid", "8@9"], "t must be within 0 .. 5"),
         (["--queries", "no.csv"], "no.csv cannot be read"),
         (["--point", "0,1,2", "--frames", "5:9"], "--frames 5:9 must select frames within 0:6"),
-        (["--point", "0,1,2", "--overlay", "a.mp4"], "--clip goes with --overlay or --refine"),
-        (["--point", "0,1,2", "--refine"], "--clip goes with --overlay or --refine"),
-        (["--point", "0,1,2", "--clip", "slide"], "--clip goes with --overlay or --refine"),
+        (["--point", "0,1,2", "--overlay", "a.mp4"], "--clip goes with --overlay, --refine or --points-from"),
+        (["--point", "0,1,2", "--refine"], "--clip goes with --overlay, --refine or --points-from"),
+        (["--point", "0,1,2", "--clip", "slide"], "--clip goes with --overlay, --refine or --points-from"),
         (["--point", "0,1,2", "--refine", "--clip", "no"], "no does not exist"),
         (["--point", "0,1,2", "--overlay", "a.avi", "--clip", "slide"], "--overlay a.avi must end in .mp4"),
         (["--point", "0,1,2", "--overlay", "a.mp4", "--clip", "no"], "no does not exist"),
@@ -226,6 +308,8 @@ def test_what_is_read_is_not_replaced(model_path: Path, tmp_path: Path, capsys: 
         arguments = ["--grid", "9@0", "--out", tmp_path / "a.npz", "--overlay", clip, "--clip", given]
         assert f"--overlay {clip} would replace" in refusal(capsys, tmp_path, model_path, *arguments)
     assert "would replace" in refusal(capsys, tmp_path, model_path, "--queries", points, "--out", points)
+    keypoints = ["--points-from", f"{points}@2", "--out", points]
+    assert "would replace" in refusal(capsys, tmp_path, model_path, *keypoints)
     assert clip.read_bytes() == points.read_bytes() == b"precious"
 
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from decomo_runtime import RefinementError, Tracks
+from decomo_runtime.expected_error import calibration
 from decomo_runtime.refinement import refine
 from moving_planes import BOX, FRAMES, HEIGHT, WIDTH, ErringTracker, Motion, photographed, texture
 
@@ -76,6 +77,20 @@ def test_nothing_else_changes(video: npt.NDArray[np.uint8]):
     assert (after.xy[~found] == before.xy[~found]).all()
     assert (after.xy.dtype, found.dtype) == (np.float32, bool)
     assert vars(replace(after, xy=before.xy, refined=None)) == vars(before)  # the same arrays
+
+
+def test_the_expected_error_shrinks_where_a_point_is_found(video: npt.NDArray[np.uint8]):
+    tracker = ErringTracker(MOTION, ERROR)
+    tracks = tracker.track(drawn(12, 1))
+    told = np.random.default_rng(0).uniform(1, 9, tracks.occluded.shape).astype(np.float32)
+    after = refine(tracker, replace(tracks, error=told), video)
+    assert after.refined is not None
+    assert after.error is not None
+    factor = calibration().refined_factor
+    assert 0 < factor < 1
+    np.testing.assert_allclose(after.error, np.where(after.refined, factor * told, told), rtol=1e-6)
+    assert after.refined.any()
+    assert not after.refined.all()
 
 
 def test_what_the_model_says_to_be_hidden_stays(video: npt.NDArray[np.uint8]):

@@ -133,6 +133,11 @@ def test_dense(tracker: Tracker):
     np.testing.assert_allclose(dense.flow, np.broadcast_to(3 * VELOCITY, dense.flow.shape), atol=1e-5)
     np.testing.assert_allclose(dense.occlusion, np.full((HEIGHT, WIDTH), 0.5), atol=1e-6)
     assert not dense.occluded.any()
+    tracks = tracker.track([(1, 7, 5)], [4])
+    assert dense.error is not None
+    assert tracks.error is not None
+    assert dense.error.shape == (HEIGHT, WIDTH)
+    assert dense.error[5, 7] == pytest.approx(tracks.error[0, 0])
     with pytest.raises(QueryError, match=r"frames\[1\] is 6"):
         tracker.dense(0, to=6)
 

@@ -12,13 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import SupervisionError
-from decomotion.frame_files import decode_frame, images_in
+from decomotion.frame_files import decode_mask, images_in
 
 log = logging.getLogger(__name__)
-
-JPEG_BLACK = 127
-"""A JPEG's edges ring: what is not brighter than this is black."""
-
 
 Mask = npt.NDArray[np.bool_]
 
@@ -62,10 +58,9 @@ def read_masks(folder: Path, frames: int, height: int, width: int) -> MaskFiles:
 
 
 def _read(file: Path, sides: tuple[int, int]) -> Mask:
-    image = decode_frame(file.read_bytes()) if file.is_file() else None
-    if image is None:
+    mask = decode_mask(file.read_bytes(), file.suffix) if file.is_file() else None
+    if mask is None:
         raise SupervisionError(f"mask {file} does not decode as an image; replace it")
-    mask = image.max(axis=-1) > (0 if file.suffix.lower() == ".png" else JPEG_BLACK)
     if mask.shape != sides:
         raise SupervisionError(
             f"mask {file} is {mask.shape[1]}x{mask.shape[0]} but the clip is {sides[1]}x{sides[0]}; resize it"

@@ -1,6 +1,6 @@
 """Tracks as csv, a line for each point and frame, written and read a block of lines at a time.
 
-`time`, in seconds, is the last column, and absent where the times are not known.
+`time`, in seconds, and `error`, in pixels, are the last columns, and each is absent where it is not known.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ FORMATS = {
     "query_y": "%.4f",
 }
 """What each column is written as."""
-TIME, TIME_FORMAT = "time", "%.6f"
+TIME, ERROR = "time", "error"
+WHERE_KNOWN = {TIME: "%.6f", ERROR: "%.4f"}
+"""Likewise, the columns that may be absent."""
 LINES = 2**15
 """In memory at once."""
 _KEPT = {"point": "i4", "frame": "i4", "x": "f4", "y": "f4", "occlusion": "f4", "occluded": "?"}
@@ -49,7 +51,8 @@ def read(path: Path) -> tuple[Tracks, About]:
 
 
 def _write(file: TextIO, tracks: Tracks) -> None:
-    formats = FORMATS if tracks.times is None else FORMATS | {TIME: TIME_FORMAT}
+    known = {TIME: tracks.times is not None, ERROR: tracks.error is not None}
+    formats = FORMATS | {name: form for name, form in WHERE_KNOWN.items() if known[name]}
     file.write(",".join(formats) + "\n")
     points, length = tracks.occluded.shape
     step = max(1, LINES // max(1, length))
@@ -64,6 +67,7 @@ def _write(file: TextIO, tracks: Tracks) -> None:
             tracks.occluded[rows].ravel(),
             tracks.queries[rows][point],
             *([] if tracks.times is None else [tracks.times[column]]),
+            *([] if tracks.error is None else [tracks.error[rows].ravel()]),
         ]
         np.savetxt(file, np.column_stack(columns), fmt=",".join(formats.values()))
 
@@ -72,7 +76,8 @@ def _read(path: Path) -> dict[str, Any]:
     """The fields of `Tracks` by name."""
     try:
         with opened_table(path) as table:
-            if any(table.columns.count(name) != 1 for name in FORMATS) or table.columns.count(TIME) > 1:
+            count = table.columns.count
+            if any(count(name) != 1 for name in FORMATS) or any(count(name) > 1 for name in WHERE_KNOWN):
                 raise ValueError("another header")
             return _fields(path, table)
     except TracksFileError:
@@ -84,10 +89,11 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _fields(path: Path, table: Table) -> dict[str, npt.NDArray[Any]]:
-    kept, queries, times = [np.empty(0, list(_KEPT.items()))], [np.empty((0, 3), np.float32)], [np.empty(0)]
+    kept_types = _KEPT | ({ERROR: "f4"} if ERROR in table.columns else {})
+    kept, queries, times = [np.empty(0, list(kept_types.items()))], [np.empty((0, 3), np.float32)], [np.empty(0)]
     points = 0
     for block in _blocks(table):
-        kept.append(block[list(_KEPT)].astype(kept[0].dtype))
+        kept.append(block[list(kept_types)].astype(kept[0].dtype))
         first = np.flatnonzero(np.diff(block["point"], prepend=points - 1))  # line of each point that begins here
         queries.append(np.stack([block[name][first] for name in _QUERY], axis=1))
         points += len(first)
@@ -106,12 +112,14 @@ def _fields(path: Path, table: Table) -> dict[str, npt.NDArray[Any]]:
         "queries": np.concatenate(queries),
         "frames": (grid["frame"][0] if points else np.empty(0)).astype(np.int64),
     }
-    return fields | ({"times": np.concatenate(times)} if TIME in table.columns else {})
+    fields |= {"times": np.concatenate(times)} if TIME in table.columns else {}
+    return fields | ({ERROR: grid[ERROR].copy()} if ERROR in table.columns else {})
 
 
 def _blocks(table: Table) -> Iterator[npt.NDArray[Any]]:
     """The lines as structured arrays, `LINES` at a time."""
-    columns = _KEPT | dict.fromkeys(_QUERY, "f4") | ({TIME: "f8"} if TIME in table.columns else {})
+    optional = {name: kind for name, kind in ((TIME, "f8"), (ERROR, "f4")) if name in table.columns}
+    columns = _KEPT | dict.fromkeys(_QUERY, "f4") | optional
     lines = (table.number(line) for line in table.lines if not line.isspace())
     for line in lines:
         yield np.loadtxt(

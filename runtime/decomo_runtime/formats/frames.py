@@ -35,6 +35,7 @@ def in_order(tracks: Tracks) -> Tracks:
         frames=frames,
         times=None if tracks.times is None else tracks.times[columns],
         refined=None if tracks.refined is None else tracks.refined[:, columns],
+        error=None if tracks.error is None else tracks.error[:, columns],
     )
 
 

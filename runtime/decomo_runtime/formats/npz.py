@@ -23,6 +23,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         "frames": tracks.frames,
         **({} if tracks.times is None else {"times": tracks.times}),
         **({} if tracks.refined is None else {"refined": tracks.refined}),
+        **({} if tracks.error is None else {"error": tracks.error}),
     }
     if about.size is not None:
         arrays |= {"height": np.int64(about.height), "width": np.int64(about.width)}
@@ -46,7 +47,7 @@ def read(path: Path) -> tuple[Tracks, About]:
         "queries": (points, 3),
         "frames": (length,),
         **({"times": (length,)} if "times" in arrays else {}),
-        **({"refined": each} if "refined" in arrays else {}),
+        **{key: each for key in ("refined", "error") if key in arrays},
     }
     for key, shape in shapes.items():
         if arrays[key].shape != shape or arrays[key].dtype.kind not in "biuf":
@@ -61,7 +62,9 @@ def read(path: Path) -> tuple[Tracks, About]:
     if any(value.shape != () or value.dtype.kind not in "iu" or value < 1 for value in told) or len(told) == 1:
         raise TracksFileError(f"{path} must hold both height and width, as whole numbers from 1 on, or neither")
     with np.errstate(over="ignore"):  # places beyond float32 are infinitely far
-        floats = {key: arrays[key].astype(np.float32) for key in ("tracks", "occlusion", "queries")}
+        floats = {
+            key: arrays[key].astype(np.float32) for key in ("tracks", "occlusion", "queries", "error") if key in arrays
+        }
     tracks = Tracks(
         floats["tracks"],
         arrays["occluded"].astype(bool),
@@ -71,5 +74,6 @@ def read(path: Path) -> tuple[Tracks, About]:
         (int(told[0]), int(told[1])) if told else None,
         arrays["times"].astype(np.float64) if "times" in arrays else None,
         arrays["refined"].astype(bool) if "refined" in arrays else None,
+        floats.get("error"),
     )
     return tracks, About()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
             "tracks": _rounded(tracks.xy[row]),
             "occlusion": _rounded(tracks.occlusion[row]),
             "occluded": tracks.occluded[row].tolist(),
+            **({} if tracks.error is None else {"error": _rounded(tracks.error[row])}),
         }
         for row, (name, colour, (t, x, y)) in enumerate(zip(about.names(number), colours, tracks.queries, strict=True))
     ]
@@ -72,6 +74,7 @@ def read(path: Path) -> tuple[Tracks, About]:
             np.arange(length),
             (height, width),
             steady_times(length, float(clip["fps"])),
+            error=_error(points, length),
         )
     except TracksFileError:
         raise
@@ -87,6 +90,12 @@ def read(path: Path) -> tuple[Tracks, About]:
         colours=tuple(str(colour) for colour in rows["colour"]),
     )
     return tracks, about
+
+
+def _error(points: Sequence[dict[str, Any]], length: int) -> npt.NDArray[np.float32] | None:
+    """[point, frame]; None where not all points say it: those of the page itself do not."""
+    told = [point["error"] for point in points if "error" in point]
+    return _array(told, (len(points), length)) if points and len(told) == len(points) else None
 
 
 def _rounded(values: Any) -> Any:
