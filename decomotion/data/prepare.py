@@ -136,6 +136,8 @@ class _Work:
     ) -> None:
         self.clip, self.config, self.seed, self.rebuild = clip, config, seed, rebuild
         self.progress, self.device = progress, device
+        self.networks: Matcher | None = None
+        """Of the matches, where `matching` had to see whether they can be had."""
         self.root = cache_root() / clip.digest()
         self.longer_side = max(clip.height, clip.width)
         rules = config.rules
@@ -178,7 +180,7 @@ class _Work:
         if wanted.kind == "sift" or (not self.rebuild and self.links_with(wanted).finished):
             return wanted
         try:
-            self.matcher = build_matcher(wanted, self.device)
+            self.networks = build_matcher(wanted, self.device)
         except DownloadError as error:
             log.warning("%s; until then dense SIFT's are taken, which find less of what moves fast", error)
             return wanted.model_copy(update={"kind": "sift"})
@@ -186,7 +188,8 @@ class _Work:
 
     @cached_property
     def matcher(self) -> Matcher:
-        return build_matcher(self.matching, self.device)
+        matching = self.matching
+        return self.networks or build_matcher(matching, self.device)
 
     @cached_property
     def extractor(self) -> FeatureExtractor | None:

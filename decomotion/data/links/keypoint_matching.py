@@ -114,7 +114,8 @@ class KeypointMatcher:
         """The best `KEYPOINTS` of a frame [H, W, 3]."""
         height, width = frame.shape[:2]
         scale = SIDES[self._kind] / max(height, width)
-        size = tuple(max(MULTIPLE, MULTIPLE * round(scale * side / MULTIPLE)) for side in (width, height))
+        wide, high = (max(MULTIPLE, MULTIPLE * round(scale * side / MULTIPLE)) for side in (width, height))
+        size = wide, high
         image = cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA)
         batch = torch.from_numpy(image).to(self._device).permute(2, 0, 1)[None].float() / 255
         with torch.inference_mode():
