@@ -28,7 +28,8 @@ from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.costs import MIN_POINTS
 from decomotion.data.links.filtering import Grid, build_filtered
 from decomotion.data.links.intervals import pairs_of
-from decomotion.data.links.matching import Matcher, build_matcher
+from decomotion.data.links.matcher import Matcher
+from decomotion.data.links.matching import build_matcher
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.cost import seconds_a_frame

@@ -11,7 +11,8 @@ import torch
 from decomotion.clip import Clip
 from decomotion.data.flow.interface import Flow, Frame
 from decomotion.data.links.flow_store import FlowStore, doubtful, nearer, smooth, threads
-from decomotion.data.links.matching import Matches, MatchStore
+from decomotion.data.links.matcher import Matches
+from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
 
 FRAMES, SIZE = 7, 32

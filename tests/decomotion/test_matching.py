@@ -13,7 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decomotion.clip import Clip
 from decomotion.data.links import sift_matching
 from decomotion.data.links.linking import Rematching, link
-from decomotion.data.links.matching import Matches, MatchStore
+from decomotion.data.links.matcher import Matches
+from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher, supporters
 
 HEIGHT, WIDTH = 96, 128

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from decomotion.clip import Clip
-from decomotion.data.links.matching import Matches, PairMatcher
+from decomotion.data.links.matcher import Matches, PairMatcher
 from decomotion.data.timing import least_seconds
 from decomotion.data.weights import downloaded, fitting, read_state
 from decomotion.errors import SupervisionError

@@ -8,52 +8,20 @@ error (`decomotion/data/links/linking.py`).
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 from tqdm import tqdm
 
 from decomotion.clip import Clip
 from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.intervals import couples_of
+from decomotion.data.links.matcher import Matcher, Matches
 from decomotion.data.links.pair_files import Couple, PairFiles
 
 DESCRIBED = "described"
 """The folder for what a matcher keeps of all frames, beside the matches while these are made."""
-
-
-@dataclass(frozen=True)
-class Matches:
-    """Where the cells of one frame are in another."""
-
-    displacement: npt.NDArray[np.float32]
-    """[h, w, 2]: (x, y) in cells; the raster of cells covers the frame."""
-    trusted: npt.NDArray[np.bool_]
-    """[h, w]: mutual, and supported by what is around."""
-
-
-PairMatcher = Callable[[int, int], tuple[Matches, Matches]]
-"""Of two frames the matches from the first to the second, and back."""
-
-
-@runtime_checkable
-class Matcher(Protocol):
-    """Anything that finds places of one frame again in another."""
-
-    def describe(self, clip: Clip, folder: Path, progress: bool) -> PairMatcher:
-        """Looks at all frames of a clip; what it returns matches any two of them.
-
-        What is too large for the memory is kept in `folder`, which is empty and goes when the matches are made.
-        """
-        ...
-
-    def seconds(self, clip: Clip) -> tuple[float, float]:
-        """What a frame takes on this machine, and a pair of frames."""
-        ...
 
 
 def build_matcher(config: MatchingConfig, device: str = "cpu") -> Matcher:

@@ -22,7 +22,7 @@ from decomotion.clip import Clip
 from decomotion.data.features.densesift import DenseSift
 from decomotion.data.features.interface import resized
 from decomotion.data.features.reduction import fit_reduction
-from decomotion.data.links.matching import Matches, PairMatcher
+from decomotion.data.links.matcher import Matches, PairMatcher
 from decomotion.data.timing import least_seconds
 from decomotion.memory import forget
 

@@ -24,7 +24,8 @@ from decomotion.data.links import linking
 from decomotion.data.links.budget import check_time, scheduled
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.intervals import pairs_of
-from decomotion.data.links.matching import Matcher, MatchStore
+from decomotion.data.links.matcher import Matcher
+from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
 from decomotion.data.pool import grid_shape, jittered_grid, pack
