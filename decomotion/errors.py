@@ -33,6 +33,10 @@ class SupervisionError(InputError):
     """Flow, features or masks given by the user do not fit the clip."""
 
 
+class DownloadError(SupervisionError):
+    """Weights of a network that supervises cannot be downloaded."""
+
+
 class EngineError(InputError):
     """The engine that tasks were to run on is not installed, does not answer, or has no room for them."""
 

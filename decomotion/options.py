@@ -63,6 +63,8 @@ class Supervision:
     file: Path | None
     flow: str | None
     flow_weights: str | None
+    matches: str | None
+    match_weights: tuple[str, ...]
     features: str | None
     feature_weights: str | None
     masks: str | None
@@ -75,6 +77,8 @@ class Supervision:
 
         name = AUTO_PRESET if self.preset == AUTO else self.preset
         chosen = {
+            "data.matching.kind": self.matches,
+            "data.matching.weights": list(self.match_weights) or None,
             "data.features": self.features,
             "data.feature_weights": self.feature_weights,
             "data.masks": self.masks,
@@ -106,6 +110,17 @@ SUPERVISION_OPTIONS = (
         help="Optical flow, or a folder of fields <i>_<j>.flo or .npy.  [default: the preset's]",
     ),
     click.option("--flow-weights", metavar="FILE", help="Weights of RAFT, torchvision's or the original's."),
+    click.option(
+        "--matches",
+        type=click.Choice(["sift", "xfeat", "aliked"]),
+        help="Matches by appearance, for what flow loses: dense SIFT or LightGlue's.  [default: the preset's]",
+    ),
+    click.option(
+        "--match-weights",
+        metavar="FILE",
+        multiple=True,
+        help="Weights of XFeat or ALIKED, and of its LightGlue: given twice where these are two files.",
+    ),
     click.option(
         "--features",
         type=click.Choice(["densesift", "aliked", "dino", "none"]),

@@ -24,9 +24,12 @@ from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.flow import FlowEstimator, build_flow
 from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
 from decomotion.data.links.budget import what_is_thinned
+from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.costs import MIN_POINTS
 from decomotion.data.links.filtering import Grid, build_filtered
 from decomotion.data.links.intervals import pairs_of
+from decomotion.data.links.matcher import Matcher
+from decomotion.data.links.matching import build_matcher
 from decomotion.data.links.stage import build_links
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.cost import seconds_a_frame
@@ -37,7 +40,7 @@ from decomotion.data.sampling import rescaled, sample_map
 from decomotion.data.stages import Record, Stage, remove_abandoned, settings_of_finished
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
-from decomotion.errors import SupervisionError
+from decomotion.errors import DownloadError, SupervisionError
 from decomotion.files import digest_of
 from decomotion.memory import give_back
 
@@ -134,6 +137,8 @@ class _Work:
     ) -> None:
         self.clip, self.config, self.seed, self.rebuild = clip, config, seed, rebuild
         self.progress, self.device = progress, device
+        self.networks: Matcher | None = None
+        """Of the matches, where `matching` had to see whether they can be had."""
         self.root = cache_root() / clip.digest()
         self.longer_side = max(clip.height, clip.width)
         rules = config.rules
@@ -149,6 +154,7 @@ class _Work:
         if self.config.feature_weights is not None and not Path(self.config.feature_weights).is_file():
             raise SupervisionError(f"--feature-weights {self.config.feature_weights} does not exist")
         if self.rebuild or not self.links.finished:
+            _ = self.matcher
             self.estimator.require(pairs_of((1,), len(self.clip)))
         if self.rebuild or not self.links.finished or not self.features.finished:
             _ = self.extractor
@@ -165,6 +171,26 @@ class _Work:
     @cached_property
     def estimator(self) -> FlowEstimator:
         return build_flow(self.config.flow, self.device)
+
+    @cached_property
+    def matching(self) -> MatchingConfig:
+        """Settings of the matches: dense SIFT's where the weights for others can be had nowhere."""
+        wanted = self.config.matching
+        if not wanted.intervals:
+            return wanted.model_copy(update={"kind": "sift", "weights": ()})
+        if wanted.kind == "sift" or (not self.rebuild and self.links_with(wanted).finished):
+            return wanted
+        try:
+            self.networks = build_matcher(wanted, self.device)
+        except DownloadError as error:
+            log.warning("%s; until then dense SIFT's are taken, which find less of what moves fast", error)
+            return wanted.model_copy(update={"kind": "sift"})
+        return wanted
+
+    @cached_property
+    def matcher(self) -> Matcher:
+        matching = self.matching
+        return self.networks or build_matcher(matching, self.device)
 
     @cached_property
     def extractor(self) -> FeatureExtractor | None:
@@ -223,6 +249,10 @@ class _Work:
     @cached_property
     def links(self) -> Stage:
         """Those that are finished already where they are no worse than what is asked for."""
+        return self.links_with(self.matching)
+
+    def links_with(self, matching: MatchingConfig) -> Stage:
+        """As `links`, with matches of these settings."""
         config = self.config
         asked = self.stage(
             "links",
@@ -233,7 +263,8 @@ class _Work:
             seed=self.seed,
             cycle_threshold=config.pool.cycle_threshold,
             max_gap=config.pool.max_gap,
-            matching=config.matching.model_dump(mode="json"),
+            matching=matching.model_dump(mode="json", exclude={"weights"}),
+            match_weights=[file_digest(Path(file)) for file in matching.weights],
             tracks=None if self.tracks is None else self.tracks.digest(),
         )
         return asked if self.rebuild or asked.finished else self.no_worse(asked) or asked
@@ -296,7 +327,7 @@ class _Work:
     def build_links(self, folder: Path) -> dict[str, Any]:
         begin, random = time.monotonic(), generator(self.seed, "points")
         clips = self.clip, self.working
-        given = (self.tracks, self.estimator, self.progress, folder, time.monotonic() - begin)
+        given = (self.tracks, self.estimator, self.matcher, self.progress, folder, time.monotonic() - begin)
         return build_links(*clips, self.config, self.count, self.seconds_after_links, random, *given)
 
     def seconds_after_links(self, points: int) -> float:

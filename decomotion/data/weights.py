@@ -12,9 +12,9 @@ from urllib.error import URLError
 
 import torch
 from safetensors.torch import load_file
-from torch import Tensor
+from torch import Tensor, nn
 
-from decomotion.errors import SupervisionError
+from decomotion.errors import DownloadError, SupervisionError
 
 Module = TypeVar("Module")
 
@@ -43,8 +43,20 @@ def read_state(path: str | Path, option: str) -> dict[str, Tensor]:
 
 
 def downloaded(load: Callable[[], Module], what: str, instead: str) -> Module:
-    """What `load` returns; where its download fails, a `SupervisionError` that says what to do `instead`."""
+    """What `load` returns; where its download fails, a `DownloadError` that says what to do `instead`."""
     try:
         return load()
     except (OSError, URLError, RuntimeError) as error:  # no network, or a file that does not fit its hash
-        raise SupervisionError(f"the weights of {what} cannot be downloaded on this machine; {instead}") from error
+        raise DownloadError(f"the weights of {what} cannot be downloaded on this machine; {instead}") from error
+
+
+def fitting(module: nn.Module, state: dict[str, Tensor], optional: tuple[str, ...] = ()) -> bool:
+    """Whether a state dict has all of the module's weights, and then loads them; what else it has is left out.
+
+    Names that begin with one of `optional` need not be there.
+    """
+    wanted = {key: value.shape for key, value in module.state_dict().items() if not key.startswith(optional)}
+    fits = all(key in state and state[key].shape == shape for key, shape in wanted.items())
+    if fits:
+        module.load_state_dict({key: state[key] for key in wanted}, strict=False)
+    return fits

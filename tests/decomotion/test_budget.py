@@ -13,12 +13,12 @@ import pytest
 
 from decomotion.config import load
 from decomotion.data.config import DataConfig
-from decomotion.data.links import budget, flow_store, matching
+from decomotion.data.links import budget, flow_store, sift_matching
 from decomotion.data.links.budget import check_time, scheduled, what_is_thinned
-from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.costs import HopCosts
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.sift_matching import SiftMatcher
 from decomotion.data.masks import cost as masks_cost
 from decomotion.errors import SupervisionError
 from tiny_fit import FRAMES, sliding_square
@@ -75,7 +75,7 @@ class Flows(FlowStore):
 @pytest.fixture
 def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
     monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: DEAR)
-    matches = Matched(CLIP, MatchingConfig(intervals=(4,), supporters=10), tmp_path / "matches")
+    matches = Matched(CLIP, (4,), SiftMatcher(10), tmp_path / "matches")
     return Flows(CLIP, Estimator(), matches, tmp_path / "flow")
 
 
@@ -179,11 +179,11 @@ class TestOfParts:
             task()
             return 1.0
 
-        for module in (flow_store, matching, masks_cost):
+        for module in (flow_store, sift_matching, masks_cost):
             monkeypatch.setattr(module, "least_seconds", least_seconds)
 
     def matches(self, folder: Path) -> MatchStore:
-        return MatchStore(CLIP, MatchingConfig(intervals=(3, 5, 20), supporters=10), folder / "matches", True)
+        return MatchStore(CLIP, (3, 5, 20), SiftMatcher(10), folder / "matches", True)
 
     def test_matching(self, tmp_path: Path) -> None:
         """8 frames, and of pairs 7, 5 and 3; none of those that are there."""

@@ -10,9 +10,10 @@ import torch
 
 from decomotion.clip import Clip
 from decomotion.data.flow.interface import Flow, Frame
-from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.flow_store import FlowStore, doubtful, nearer, smooth, threads
-from decomotion.data.links.matching import Matches, MatchStore
+from decomotion.data.links.matcher import Matches
+from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.sift_matching import SiftMatcher
 
 FRAMES, SIZE = 7, 32
 SPEED = np.array([3.0, -1.0], np.float32)
@@ -52,7 +53,7 @@ def clip() -> Clip:
 
 
 def fields(clip: Clip, folder: Path, estimator: Searcher, intervals: tuple[int, ...] = ()) -> FlowStore:
-    matches = MatchStore(clip, MatchingConfig(intervals=intervals, supporters=0), folder / "matches")
+    matches = MatchStore(clip, intervals, SiftMatcher(0), folder / "matches")
     return FlowStore(clip, estimator, matches, folder)
 
 

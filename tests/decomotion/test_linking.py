@@ -10,7 +10,7 @@ import pytest
 
 from decomotion.data.links import linking
 from decomotion.data.links.linking import Flow, FlowLookup, Links, Rematching, cycle_error, link, outside
-from decomotion.data.links.matching import Matches
+from decomotion.data.links.matcher import Matches
 
 FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
 VELOCITY = np.array([1.5, -0.75], np.float32)

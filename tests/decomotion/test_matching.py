@@ -11,10 +11,11 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decomotion.clip import Clip
-from decomotion.data.links import matching
-from decomotion.data.links.config import MatchingConfig
+from decomotion.data.links import sift_matching
 from decomotion.data.links.linking import Rematching, link
-from decomotion.data.links.matching import Matches, MatchStore, supporters
+from decomotion.data.links.matcher import Matches
+from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.sift_matching import SiftMatcher, supporters
 
 HEIGHT, WIDTH = 96, 128
 
@@ -39,7 +40,7 @@ def clip_of(*frames: np.ndarray) -> Clip:
 @pytest.fixture
 def matched(tmp_path: Path) -> Matched:
     def between(*frames: np.ndarray) -> MatchStore:
-        store = MatchStore(clip_of(*frames), MatchingConfig(intervals=(1, 2), supporters=10), tmp_path / "matches")
+        store = MatchStore(clip_of(*frames), (1, 2), SiftMatcher(10), tmp_path / "matches")
         store.compute(progress=False)
         return store
 
@@ -167,12 +168,12 @@ def test_a_point_is_refined_once_where_it_is_found_at_last() -> None:
 
 @pytest.mark.parametrize("block", [5, 256])
 def test_the_nearest_of_both_sides(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matching, "BLOCK", block)
+    monkeypatch.setattr(sift_matching, "BLOCK", block)
     cells, others = torch.randn(2, 4, 6, 8, generator=torch.Generator().manual_seed(0))
     others[1, 2] = others[3, 1] = cells[2, 3]
     cells[0, 1] = cells[3, 2] = 10 * others[2, 0]  # of equals the first
     similarity = cells.reshape(24, 8) @ others.reshape(24, 8).T
-    of_cells, of_others = matching._nearest(cells, others)
+    of_cells, of_others = sift_matching._nearest(cells, others)
     assert_array_equal(of_cells, similarity.numpy().argmax(1))
     assert_array_equal(of_others, similarity.numpy().argmax(0))
 
@@ -184,8 +185,7 @@ def test_neighbours_are_matched_on_demand_but_not_linked(
     intervals: tuple[int, ...], neighbours: bool, gaps: list[int], tmp_path: Path
 ) -> None:
     image = textured(5)
-    config = MatchingConfig(intervals=intervals, supporters=10)
-    store = MatchStore(clip_of(image, image, image), config, tmp_path, neighbours=neighbours)
+    store = MatchStore(clip_of(image, image, image), intervals, SiftMatcher(10), tmp_path, neighbours=neighbours)
     store.compute(progress=False)
     assert (store.intervals, store.gaps) == (intervals, gaps)
     for gap in gaps:
@@ -198,18 +198,18 @@ def test_what_is_there_is_not_matched_again(matched: Matched, tmp_path: Path, mo
     expected = store(2, 1)
     (tmp_path / "matches" / "2_1.npy").write_bytes(b"half")
     asked: list[int] = []
-    both_ways = MatchStore._both_ways
+    both_ways = SiftMatcher.both_ways
 
-    def counted(self: MatchStore, a: torch.Tensor, b: torch.Tensor) -> tuple[Matches, Matches]:
+    def counted(self: SiftMatcher, a: torch.Tensor, b: torch.Tensor) -> tuple[Matches, Matches]:
         asked.append(1)
         return both_ways(self, a, b)
 
-    monkeypatch.setattr(MatchStore, "_both_ways", counted)
+    monkeypatch.setattr(SiftMatcher, "both_ways", counted)
     again = matched(*images)(2, 1)
     assert len(asked) == 1
     assert_array_equal(again.displacement, expected.displacement)
     assert_array_equal(again.trusted, expected.trusted)
-    monkeypatch.setattr("decomotion.data.links.matching.describe", None)  # nothing is missing
+    monkeypatch.setattr("decomotion.data.links.sift_matching.describe", None)  # nothing is missing
     matched(*images)
 
 
@@ -234,22 +234,22 @@ def test_a_match_is_mutual_if_the_way_back_ends_at_most_one_cell_away() -> None:
     for row, column, mutual in [(2, 2, True), (3, 3, True), (1, 2, True), (2, 4, False), (4, 2, False), (1, 4, False)]:
         back = own.clone()
         back[12] = 5 * row + column
-        assert matching._returns(own, back, width=5)[12] == mutual
+        assert sift_matching._returns(own, back, width=5)[12] == mutual
 
 
 @pytest.mark.parametrize("shift", [-0.4, -0.1, 0.0, 0.3, 0.5])
 def test_a_parabola_is_read_at_its_top(shift: float) -> None:
     samples = torch.arange(6.0)
     values = (3 - 0.2 * (samples - 2 - shift) ** 2)[None]
-    torch.testing.assert_close(matching._peak(values, torch.tensor([2])), torch.tensor([shift]), atol=1e-5, rtol=0)
+    torch.testing.assert_close(sift_matching._peak(values, torch.tensor([2])), torch.tensor([shift]), atol=1e-5, rtol=0)
     for top in (0, 5):  # at the border there is no third sample
-        assert matching._peak(values, torch.tensor([top])).item() == 0
-    assert matching._peak(torch.ones(1, 6), torch.tensor([2])).item() == 0
+        assert sift_matching._peak(values, torch.tensor([top])).item() == 0
+    assert sift_matching._peak(torch.ones(1, 6), torch.tensor([2])).item() == 0
 
 
 def test_descriptors_are_squares_of_a_frame_of_256() -> None:
     """White is (1, 0, 0) in Lab, each from -1 to 1 here; the raster is half of the reduced frame's."""
-    described = matching._describe(np.full((600, 300, 3), 255, np.uint8), matching.DenseSift())
+    described = sift_matching._describe(np.full((600, 300, 3), 255, np.uint8), sift_matching.DenseSift())
     assert described.shape == (128, 64, 2 * 128 + 3)
     assert_allclose(described[5, 7, -3:], [1, 2 * (128 / 255 - 0.5), 2 * (128 / 255 - 0.5)], atol=1e-5)
 
@@ -268,10 +268,10 @@ def test_the_reduction_is_of_every_fourth_frame_and_of_eight_at_most(
         assert samples.shape[1:] == (2, 3, 5)  # every other descriptor
         return lambda values: np.repeat(values[..., :1], channels, axis=-1)
 
-    monkeypatch.setattr(matching, "_describe", described)
-    monkeypatch.setattr(matching, "fit_reduction", fit)
+    monkeypatch.setattr(sift_matching, "_describe", described)
+    monkeypatch.setattr(sift_matching, "fit_reduction", fit)
     clip = clip_of(*(np.full((8, 12, 3), number, np.uint8) for number in range(frames)))
-    maps = matching.describe(clip, tmp_path / "described.npy")
+    maps = sift_matching.describe(clip, tmp_path / "described.npy")
     assert seen == [sampled]
     assert maps.shape == (frames, 4, 6, 64)
     assert_array_equal(maps[:, 0, 0, 0], np.arange(frames))

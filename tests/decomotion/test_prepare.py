@@ -20,14 +20,15 @@ from decomotion.data import prepare as preparation
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
-from decomotion.data.links import budget, costs, flow_store
+from decomotion.data.links import budget, costs, flow_store, keypoint_matching
 from decomotion.data.links import stage as links_stage
 from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.sift_matching import SiftMatcher
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.data.working import build_frames
-from decomotion.errors import SupervisionError
+from decomotion.errors import DownloadError, SupervisionError
 from tiny_fit import FRAMES, HEIGHT, TINY, TINY_CPU, WIDTH, on_square, sliding_square, true_target, write_frames
 
 MIDDLE = FRAMES // 2
@@ -434,6 +435,57 @@ class TestCache:
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: pytest.fail("measured"))
         pool = prepare(clip, config("data.features=none"), progress=False)
         assert (pool.num_points, pool.thinned) == (260, None)
+
+    def test_without_weights_for_matches_those_of_sift_are_taken(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ):
+        def offline(*_: object) -> None:
+            raise DownloadError("the weights of the xfeat matcher cannot be downloaded on this machine; give both")
+
+        monkeypatch.setattr(keypoint_matching, "KeypointMatcher", offline)
+        matched = ["data.features=none", "data.matching.intervals=[4]"]
+        prepare(clip, config(*matched, "data.matching.kind=xfeat"), progress=False)
+        assert "cannot be downloaded on this machine; give both; until then dense SIFT's are taken" in caplog.text
+        assert "links" in builds
+        builds.clear()
+        caplog.clear()
+        prepare(clip, config(*matched), progress=False)  # the same links, and known as what they are
+        prepare(clip, config("data.features=none", "data.matching.intervals=[]", "data.matching.kind=xfeat"))
+        assert caplog.text == ""
+        assert builds.count("links") == 1
+
+    def test_matches_that_are_there_need_no_weights(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
+    ):
+        settings = config("data.features=none", "data.matching.intervals=[4]", "data.matching.kind=aliked")
+        asked: list[str] = []
+
+        def by_sift(kind: str, *_: object) -> SiftMatcher:
+            asked.append(kind)
+            return SiftMatcher(10)
+
+        monkeypatch.setattr(keypoint_matching, "KeypointMatcher", by_sift)
+        prepare(clip, settings, progress=False)
+        assert asked == ["aliked"]
+        prepare(clip, settings, progress=False)
+        assert asked == ["aliked"]
+        prepare(clip, settings, progress=False, rebuild=True)
+        assert asked == ["aliked"] * 2
+
+    def test_weights_of_matches_count_by_their_content(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ):
+        monkeypatch.setattr(keypoint_matching, "KeypointMatcher", lambda *_: SiftMatcher(10))
+        files = [tmp_path / name for name in ("one.pt", "other.pt")]
+        for file in files:
+            file.write_bytes(b"the same")
+        for number, expected in ((0, 1), (1, 1), (1, 2)):
+            weights = f"data.matching.weights=['{files[number]}']"
+            settings = ("data.features=none", "data.matching.intervals=[4]", "data.matching.kind=xfeat", weights)
+            prepare(clip, config(*settings), progress=False)
+            assert builds.count("links") == expected
+            if number and expected == 1:
+                files[1].write_bytes(b"another")
 
     @pytest.mark.parametrize("masks", ["auto", "none"])
     def test_too_many_frames_for_the_time_are_refused_at_once(

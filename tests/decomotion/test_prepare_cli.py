@@ -80,7 +80,7 @@ def test_options_that_the_commands_share_are_the_same():
     own = {"clip", "preview", "rebuild_cache", "device"}
     shared = {option.name for option in command.params} - own
     assert shared <= {option.name for option in train.params}
-    assert len(shared) == 13
+    assert len(shared) == 15
 
 
 @pytest.mark.parametrize(

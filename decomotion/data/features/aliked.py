@@ -8,7 +8,7 @@ import torch
 from kornia.feature import ALIKED
 
 from decomotion.data.features.interface import FEATURE_SIDE, FeatureMap, resized
-from decomotion.data.weights import downloaded, read_state
+from decomotion.data.weights import downloaded, fitting, read_state
 from decomotion.errors import SupervisionError
 
 DOWNLOADED = "aliked-n16"
@@ -47,9 +47,7 @@ def _from_file(weights: str) -> ALIKED:
     state = read_state(weights, "--feature-weights")
     for name in MODELS:
         model = ALIKED(name)
-        wanted = {key: value.shape for key, value in model.state_dict().items() if not key.startswith(OWN_BUFFERS)}
-        if {key: value.shape for key, value in state.items()} == wanted:
-            model.load_state_dict(state, strict=False)
+        if fitting(model, state, (OWN_BUFFERS,)):
             return model
     raise SupervisionError(
         f"--feature-weights {weights} does not hold ALIKED of a size that kornia knows ({', '.join(MODELS)}); "

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from decomotion.leaf import Leaf
 
@@ -23,10 +25,21 @@ class PoolConfig(Leaf):
 class MatchingConfig(Leaf):
     """Matches by appearance, for what flow loses (`matching.py`)."""
 
+    kind: Literal["sift", "xfeat", "aliked"] = "sift"
+    """Dense SIFT, which needs no weights; or keypoints of XFeat or ALIKED, matched by LightGlue."""
+    weights: tuple[str, ...] = ()
+    """Files of weights for `xfeat` or `aliked`: the extractor's and LightGlue's; empty: their publishers', by
+    download, or `sift` where that fails."""
     intervals: tuple[int, ...]
     """Frame gaps that are matched; empty: none."""
     supporters: int = Field(ge=0, le=24)
-    """Of the 24 cells around a match, how many have to move likewise for it to be trusted."""
+    """Of the 24 cells around a match of `sift`, how many have to move likewise for it to be trusted."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> MatchingConfig:
+        if self.weights and self.kind == "sift":
+            raise ValueError("weights go with matches xfeat or aliked, not sift")
+        return self
 
 
 class FilterConfig(Leaf):

@@ -13,7 +13,7 @@ import numpy as np
 from decomotion.clip import Clip
 from decomotion.data.flow.interface import Size
 from decomotion.data.links.linking import Rematching, link
-from decomotion.data.links.matching import Matches
+from decomotion.data.links.matcher import Matches
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.timing import least_seconds
 

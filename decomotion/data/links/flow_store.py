@@ -31,7 +31,8 @@ from decomotion.data.flow import Flow, FlowEstimator
 from decomotion.data.flow.interface import kept, to_raster
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.linking import cycle_error
-from decomotion.data.links.matching import Matches, MatchStore
+from decomotion.data.links.matcher import Matches
+from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.pair_files import Couple, PairFiles
 from decomotion.data.sampling import bilinear
 from decomotion.data.timing import least_seconds

@@ -27,7 +27,7 @@ from decomotion.data.sampling import bilinear
 from decomotion.units import unit
 
 if TYPE_CHECKING:  # it needs torch, which linking does not
-    from decomotion.data.links.matching import Matches
+    from decomotion.data.links.matcher import Matches
 
 Xy = npt.NDArray[np.float32]
 FlowLookup = Callable[[int, int], Flow]

@@ -24,6 +24,7 @@ from decomotion.data.links import linking
 from decomotion.data.links.budget import check_time, scheduled
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.intervals import pairs_of
+from decomotion.data.links.matcher import Matcher
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
@@ -51,6 +52,7 @@ def build_links(
     random: np.random.Generator,
     tracks: UserTracks | None,
     estimator: FlowEstimator,
+    matcher: Matcher,
     progress: bool,
     folder: Path,
     spent: float,
@@ -66,7 +68,7 @@ def build_links(
     Raises `SupervisionError` where there is too little time, before any long work; gaps that are a list have any.
     """
     begin = time.monotonic()
-    matches = MatchStore(working, config.matching, folder / "matches", neighbours=estimator.guided)
+    matches = MatchStore(working, config.matching.intervals, matcher, folder / "matches", neighbours=estimator.guided)
     flows = FlowStore(working, estimator, matches, folder / "flow")
     after, hop = 0.0, None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
