@@ -56,12 +56,15 @@ def moving_probability(evidence: Evidence, lab: Floats, links: Links) -> Floats:
     unary = log_odds(np.exp(log_residual), np.exp(log_change))
     first = mean_field(unary, lab, links.grid)
     far = [sign * gap for gap in CARRIED for sign in (1, -1)]
-    heard = np.nan_to_num(along_links(2 * first - 1, links, far))
-    return mean_field(unary + np.float32(CARRIED_WEIGHT) * heard, lab, links.grid)
+    heard = np.nan_to_num(along_links(2 * first - 1, links, far, doubt=1.0))
+    return mean_field((unary + CARRIED_WEIGHT * heard).astype(np.float32), lab, links.grid)
 
 
-def along_links(values: Floats, links: Links, gaps: Iterable[int]) -> Floats:
-    """Means of `values` [frame, point] of the frames so far away, along links and by confidence; NaN says nothing."""
+def along_links(values: Floats, links: Links, gaps: Iterable[int], doubt: float = 0.0) -> Floats:
+    """Means of `values` [frame, point] of the frames so far away, along links and by confidence; NaN says nothing.
+
+    `doubt` counts as so many links to a 0.
+    """
     frames, gaps = len(values), list(gaps)
     known = ~np.isnan(values)
     with_known = np.stack([np.where(known, values, 0), known], axis=-1).astype(np.float32)
@@ -72,7 +75,7 @@ def along_links(values: Floats, links: Links, gaps: Iterable[int]) -> Floats:
             total += links.weight(frame, other)[:, None] * links.read(with_known[other], frame, other)
         value, weight = total.T
         seen = weight > 1e-3
-        result[frame, seen] = value[seen] / weight[seen]
+        result[frame, seen] = value[seen] / (weight[seen] + doubt)
     return result
 
 
