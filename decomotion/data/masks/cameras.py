@@ -94,12 +94,14 @@ class Cameras:
 
     def between(self, frame: int, other: int) -> Camera | None:
         """From `frame` to `other`; None where nothing is known."""
-        pair = min(frame, other), max(frame, other)
-        if pair not in self._found:
-            source, target, weight = self._links.points[pair[0]], self._links.target(*pair), self._links.weight(*pair)
-            self._found[pair] = Camera.fit(source, target, weight, self.borders[pair[0]], self._random)
-        camera = self._found[pair]
-        return camera if camera is None or frame < other else camera.inverse()
+        if (frame, other) not in self._found:
+            back = self._found.get((other, frame))
+            self._found[frame, other] = (
+                Camera.fit(*self._linked(frame, other), self.borders[frame], self._random)
+                if back is None
+                else back.inverse()
+            )
+        return self._found[frame, other]
 
     def mend(self, frame: int, other: int, moving: Mask) -> bool:
         """Fits anew where the camera follows an object; whether it did.
@@ -107,15 +109,21 @@ class Cameras:
         It does where most of what it explains is known to be `moving` [point], points of the first frame. What is
         fitted to the rest is believed where it explains most of that; otherwise nothing is known between these frames.
         """
-        source, target, border = self._links.points[frame], self._links.target(frame, other), self.borders[frame]
-        camera, weight = self.between(frame, other), self._links.weight(frame, other)
+        source, target, weight = self._linked(frame, other)
+        camera, border = self.between(frame, other), self.borders[frame]
         if camera is None or not _most(moving, by_border(weight * camera.explains(source, target), border)):
             return False
         weight = np.where(moving, 0, weight).astype(np.float32)
         mended = Camera.fit(source, target, weight, border, self._random)
-        believed = mended is not None and _most(mended.explains(source, target), by_border(weight, border))
-        self._found[frame, other] = mended if believed else None
+        if mended is not None and not _most(mended.explains(source, target), by_border(weight, border)):
+            mended = None
+        self._found[frame, other] = mended
+        self._found[other, frame] = None if mended is None else mended.inverse()
         return True
+
+    def _linked(self, frame: int, other: int) -> tuple[Floats, Floats, Floats]:
+        """Source, target and weight."""
+        return self._links.points[frame], self._links.target(frame, other), self._links.weight(frame, other)
 
 
 def _most(which: Mask, weight: npt.NDArray[np.float64]) -> bool:
