@@ -103,23 +103,31 @@ class Cameras:
             )
         return self._found[frame, other]
 
-    def mend(self, frame: int, other: int, moving: Mask) -> bool:
-        """Fits anew where the camera follows an object; whether it did.
+    def pairs(self) -> list[tuple[int, int]]:
+        """Between which something is known, the earlier frame first."""
+        return [(frame, other) for (frame, other), found in self._found.items() if frame < other and found is not None]
+
+    def forget(self, pair: tuple[int, int]) -> Camera | None:
+        """Nothing is known between these frames, the earlier first; what was."""
+        former = self._found[pair]
+        self._found[pair] = self._found[pair[::-1]] = None
+        return former
+
+    def reconsider(self, frame: int, other: int, camera: Camera, moving: Mask) -> None:
+        """Takes `camera` from `frame` to a later one unless it follows an object; fits anew where it does.
 
         It does where most of what it explains is known to be `moving` [point], points of the first frame. What is
         fitted to the rest is believed where it explains most of that; otherwise nothing is known between these frames.
         """
         source, target, weight = self._linked(frame, other)
-        camera, border = self.between(frame, other), self.borders[frame]
-        if camera is None or not _most(moving, by_border(weight * camera.explains(source, target), border)):
-            return False
-        weight = np.where(moving, 0, weight).astype(np.float32)
-        mended = Camera.fit(source, target, weight, border, self._random)
-        if mended is not None and not _most(mended.explains(source, target), by_border(weight, border)):
-            mended = None
-        self._found[frame, other] = mended
-        self._found[other, frame] = None if mended is None else mended.inverse()
-        return True
+        border = self.borders[frame]
+        if _most(moving, by_border(weight * camera.explains(source, target), border)):
+            weight = np.where(moving, 0, weight).astype(np.float32)
+            mended = Camera.fit(source, target, weight, border, self._random)
+            if mended is None or not _most(mended.explains(source, target), by_border(weight, border)):
+                return
+            camera = mended
+        self._found[frame, other], self._found[other, frame] = camera, camera.inverse()
 
     def _linked(self, frame: int, other: int) -> tuple[Floats, Floats, Floats]:
         """Source, target and weight."""

@@ -8,21 +8,20 @@ the camera between two frames follows what is known to move, it is fitted to the
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.masks.cameras import Cameras, Floats, neighbours
+from decomotion.data.masks.agreement import Agreement
+from decomotion.data.masks.cameras import Cameras, Floats, Mask
 from decomotion.data.masks.evidence import Evidence, in_units, motion_evidence
-from decomotion.data.masks.labelling import log_odds
+from decomotion.data.masks.labelling import log_odds, thresholds
 from decomotion.data.masks.links import Links
 from decomotion.frames import AnyFrames
 
 COMPARED = (1, 2, 4, 6, 8)
 """Gaps over which labels are compared and carried."""
-CONTINUITY = 1e-3
-"""By which labels of successive frames agree where no links tell."""
-AGREES = 0.5
-"""Share of the agreement of the best frame that a frame has at least."""
 SWEEPS = 2
 """Forth and back."""
 
@@ -39,56 +38,45 @@ def consistent_evidence(
         progress: show a progress bar.
     """
     height, width = in_units(frames[0]).shape[:2]
-    cameras = Cameras(links, height, width, random)
-    found = motion_evidence(frames, links, cameras, range(len(links)), progress)
-    spins = np.tanh(log_odds(found.residual, found.change) / 2)
-    agree = agreeing(spins, links)
-    if agree.all():
+    cameras, agreement = Cameras(links, height, width, random), Agreement()
+    found = motion_evidence(frames, links, cameras, range(len(links)), progress, agreement)
+    right = agreement.right(thresholds(found.residual))
+    doubtful = [pair for pair in cameras.pairs() if pair not in right]
+    if not doubtful:
         return found
-    moving = carried(spins, agree, links) > 0
-    changed = {
-        each
-        for frame in range(len(links))
-        for other in neighbours(frame, len(links))
-        if frame < other and not agree[[frame, other]].all() and cameras.mend(frame, other, moving[frame])
-        for each in (frame, other)
-    }
-    mended, some = motion_evidence(frames, links, cameras, changed, progress), sorted(changed)
-    for array, anew in ((found.residual, mended.residual), (found.change, mended.change)):
-        array[some] = anew[some]
-    return found
+    kept = {pair: cameras.forget(pair) for pair in doubtful}
+    changed = sorted({frame for pair in doubtful for frame in pair})
+    found = replaced(found, motion_evidence(frames, links, cameras, changed, progress), changed)
+    moving = heard(found, links) > 0
+    for (frame, other), camera in kept.items():
+        cameras.reconsider(frame, other, camera, moving[frame])
+    found = replaced(found, motion_evidence(frames, links, cameras, changed, progress), changed)
+    return replace(found, heard=np.where(np.isnan(found.residual), heard(found, links), 0))
 
 
-def agreeing(spins: Floats, links: Links) -> npt.NDArray[np.bool_]:
-    """Which frames call the same things moving, [frame]: the larger side where there are two.
+def replaced(found: Evidence, anew: Evidence, some: list[int]) -> Evidence:
+    """`found`, and `anew` in some frames."""
+    here = np.isin(np.arange(len(found.residual)), some)[:, None]
+    pairs = ((found.residual, anew.residual), (found.change, anew.change))
+    residual, change = (np.where(here, after, before) for before, after in pairs)
+    return replace(found, residual=residual, change=change)
 
-    `spins` [frame, point] are 1 on what moves and -1 on what does not. The agreement of two frames is the mean product
-    of their spins along links. Sides are the signs of the leading eigenvector of the normalised matrix of agreements,
-    as in spectral clustering of signed graphs (Kunegis et al. 2010); frames between them are small in it.
+
+def heard(evidence: Evidence, links: Links) -> Floats:
+    """What each point does, [frame, point], 1 moves, -1 does not, by its own evidence or that of others along links."""
+    known = ~np.isnan(evidence.residual)
+    return carried(np.tanh(log_odds(evidence.residual, evidence.change) / 2), known, links)
+
+
+def carried(spins: Floats, known: Mask, links: Links) -> Floats:
+    """`spins` where they are `known` [frame, point], and elsewhere what links bring from there, 0 where nothing.
+
+    Points that are not known hear each other too, the less the less they know.
     """
     frames = len(spins)
-    agreement = CONTINUITY * (np.eye(frames, k=1) + np.eye(frames, k=-1))
-    for frame in range(frames):
-        for other in _compared(frame, frames):
-            product = links.weight(frame, other) * spins[frame] * links.read(spins[other], frame, other)
-            agreement[[frame, other], [other, frame]] += product.mean() / 2
-    degree = np.maximum(np.abs(agreement).sum(axis=0), CONTINUITY)
-    leading = np.linalg.eigh(agreement / np.sqrt(np.outer(degree, degree)))[1][:, -1]
-    side = leading / np.sqrt(degree)
-    side *= np.sign((side * degree).sum())
-    return side > AGREES * np.abs(side).max()
-
-
-def carried(spins: Floats, known: npt.NDArray[np.bool_], links: Links) -> Floats:
-    """`spins` [frame, point] of the `known` frames, and in the others what links bring from them, 0 where nothing.
-
-    Frames that are not known hear each other too, the less the less they know.
-    """
-    frames = len(spins)
-    spins = np.where(known[:, None], spins, 0).astype(np.float32)
-    sure = np.repeat(known[:, None], spins.shape[1], axis=1).astype(np.float32)
-    others: list[int] = np.flatnonzero(~known).tolist()
-    for order in (others, others[::-1]) * SWEEPS:
+    spins, sure = np.where(known, spins, 0).astype(np.float32), known.astype(np.float32)
+    wanting: list[int] = np.flatnonzero(~known.all(axis=1)).tolist()
+    for order in (wanting, wanting[::-1]) * SWEEPS:
         for frame in order:
             total, most = np.zeros((spins.shape[1], 2), np.float32), np.full(spins.shape[1], 1e-3, np.float32)
             for other in _compared(frame, frames):
@@ -97,8 +85,8 @@ def carried(spins: Floats, known: npt.NDArray[np.bool_], links: Links) -> Floats
                 total += weight[:, None] * heard
                 most += weight
             value, weight = total.T
-            spins[frame] = value / np.maximum(weight, 1e-3)
-            sure[frame] = weight / most
+            spins[frame] = np.where(known[frame], spins[frame], value / np.maximum(weight, 1e-3))
+            sure[frame] = np.where(known[frame], 1, weight / most)
     return spins
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomotion.data.masks.agreement import Agreement
 from decomotion.data.masks.cameras import (
     EPIPOLAR_UNITS,
     HOMOGRAPHY_UNITS,
@@ -58,6 +59,8 @@ class Evidence:
     """Distance from the camera's motion, units per square root of the gap; NaN where no pair shows the point."""
     change: Floats
     """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
+    heard: Floats
+    """Where nothing is known of a point: what it does in other frames, 1 moves, -1 does not; otherwise 0."""
 
 
 def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -70,7 +73,12 @@ def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def motion_evidence(
-    frames: AnyFrames, links: Links, cameras: Cameras, some: Iterable[int], progress: bool = False
+    frames: AnyFrames,
+    links: Links,
+    cameras: Cameras,
+    some: Iterable[int],
+    progress: bool = False,
+    agreement: Agreement | None = None,
 ) -> Evidence:
     """Compares `some` frames with their neighbours; of the others nothing is told, which is NaN.
 
@@ -80,6 +88,7 @@ def motion_evidence(
         cameras: the camera's motion.
         some: the frames.
         progress: show a progress bar.
+        agreement: is told what each pair calls moving.
     """
 
     @lru_cache(2 * NEIGHBOURS + 1)
@@ -99,14 +108,18 @@ def motion_evidence(
             continue
         trust = epipolar_trust([pair.parallax_share(border) for pair in pairs.values()])
         gaps = [abs(other - frame) ** 0.5 for other in pairs]
-        planar = _median([pair.planar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
-        epipolar = _median([pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
+        planars = [pair.planar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)]
+        epipolars = [pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)]
+        planar, epipolar = _median(planars), _median(epipolars)
         residual[frame] = combined(planar, epipolar, trust)
+        if agreement is not None:
+            each = (combined(*both, trust) for both in zip(planars, epipolars, strict=True))
+            agreement.add(frame, dict(zip(pairs, each, strict=True)), border)
         changes = [
             photometric_change(blurred(frame), blurred(other), source, pair.homography) for other, pair in pairs.items()
         ]
         change[frame] = quantile(changes, CHANGE_QUANTILE)
-    return Evidence(residual, change)
+    return Evidence(residual, change, np.zeros_like(change))
 
 
 @dataclass(frozen=True)

@@ -53,11 +53,11 @@ def moving_probability(evidence: Evidence, lab: Floats, links: Links) -> Floats:
     near = range(-SMOOTHED, SMOOTHED + 1)
     log_residual = along_links(np.log(evidence.residual + RESIDUAL_NOISE), links, near)
     log_change = along_links(np.log(evidence.change + RESIDUAL_NOISE), links, near)
-    unary = log_odds(np.exp(log_residual), np.exp(log_change))
+    unary = log_odds(np.exp(log_residual), np.exp(log_change)) + EVIDENCE_LIMIT * evidence.heard
     first = mean_field(unary, lab, links.grid)
     far = [sign * gap for gap in CARRIED for sign in (1, -1)]
-    heard = np.nan_to_num(along_links(2 * first - 1, links, far, doubt=1.0))
-    return mean_field((unary + CARRIED_WEIGHT * heard).astype(np.float32), lab, links.grid)
+    far_away = np.nan_to_num(along_links(2 * first - 1, links, far, doubt=1.0))
+    return mean_field((unary + CARRIED_WEIGHT * far_away).astype(np.float32), lab, links.grid)
 
 
 def along_links(values: Floats, links: Links, gaps: Iterable[int], doubt: float = 0.0) -> Floats:
