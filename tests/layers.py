@@ -1,7 +1,7 @@
 """Clips of flat textured layers that move by known maps, with links that know what hides what.
 
-Positions are (x, y) in pixels, pixel centres at integers. The first layer is the scene, without an edge; each further one
-is a rectangle that hides those before it.
+Positions are (x, y) in pixels, pixel centres at integers. The first layer is the scene, without an edge; each further
+one is a rectangle that hides those before it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Layer:
         """Whether it covers places [..., 2] of its own plane."""
         if self.sides is None:
             return np.ones(xy.shape[:-1], np.bool_)
-        return (np.abs(xy) <= np.array(self.sides[::-1]) / 2).all(axis=-1)
+        return np.asarray((np.abs(xy) <= np.array(self.sides[::-1]) / 2).all(axis=-1), np.bool_)
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,4 @@ def filmed(
             confidence[i, j] = 255 * (inside & (foremost(targets[i, j], j) == owner[i]))
     targets += random.normal(scale=noise, size=targets.shape)
     grid = grid_shape(height, width, points)
-    return Layered(
-        np.clip(frames, 0, 255).astype(np.uint8), where, targets.astype(np.float32), confidence, grid, owner
-    )
+    return Layered(np.clip(frames, 0, 255).astype(np.uint8), where, targets.astype(np.float32), confidence, grid, owner)

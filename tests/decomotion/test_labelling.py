@@ -141,9 +141,21 @@ def test_what_stands_for_a_while_moves_with_what_it_is_part_of():
     frames, half = 25, np.tile(np.arange(GRID[1]) < 3, GRID[0])
     residual = np.where(half, np.where(abs(np.arange(frames) - 12) < 9, 4.0, 1.0)[:, None], 0.2).astype(np.float32)
     lab = np.where(half[:, None], 200.0, 50.0).astype(np.float32) * np.ones((frames, 1, 3), np.float32)
-    found = labelling.moving_probability(Evidence(residual, np.full_like(residual, 9)), lab, links(frames=frames))
+    evidence = Evidence(residual, np.full_like(residual, 9), np.zeros_like(residual))
+    found = labelling.moving_probability(evidence, lab, links(frames=frames))
     assert (found[:, half] > 0.5).all()
     assert (found[:, ~half] < 0.1).all()
+
+
+def test_where_there_is_no_evidence_labels_are_what_is_heard():
+    """Half of the points in one of three frames, of unlike colour; with no links they are on their own."""
+    half = np.tile(np.arange(GRID[1]) < 3, GRID[0])
+    residual, heard = np.full((3, POINTS), 0.2, np.float32), np.zeros((3, POINTS), np.float32)
+    residual[1], heard[1] = np.nan, np.where(half, 0.3, -0.3)
+    lab = np.where(half[:, None], 200.0, 50.0).astype(np.float32) * np.ones((3, 1, 3), np.float32)
+    evidence = Evidence(residual, np.full_like(residual, 9), heard)
+    found = labelling.moving_probability(evidence, lab, links(frames=3, confidence=0))
+    np.testing.assert_array_equal(found[1] > 0.5, half)
 
 
 def test_log_odds_by_hand():

@@ -14,11 +14,14 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+Doubles = npt.NDArray[np.float64]
+Gram = tuple[npt.NDArray[np.int64], Doubles]
+"""Nodes [n] and their agreement [n, n]."""
 Pair = tuple[int, int]
 """Two frames, the earlier first."""
 
-AGREES = 0.5
-"""Share of the best pair's place on its side that a pair has at least."""
+MAJORITY = 0.125
+"""What it weighs that most of a frame stands, beside that what moves is surrounded by it."""
 VECTORS = 4
 """Iterated at once."""
 ITERATIONS = 200
@@ -44,21 +47,24 @@ class Agreement:
         nodes = [self._nodes.setdefault(pair_of(frame, other), len(self._nodes)) for other in residuals]
         self._frames.append((frame, nodes, np.stack(list(residuals.values())).astype(np.float16), border))
 
-    def right(self, thresholds: Floats) -> set[Pair]:
-        """The pairs that follow the scene; what moves has a residual above its frame's threshold, [frame].
+    def of_pairs(self, thresholds: Floats) -> dict[Pair, float]:
+        """Of each pair: 1 where it follows the scene, -1 where something else, and between where that is not clear.
 
-        The sides are the signs of the leading eigenvector of the normalised matrix of agreements, as in spectral
-        clustering of signed graphs (Kunegis et al. 2010); pairs between them are small in it.
+        What moves has a residual above its frame's threshold, [frame]. The sides are the signs of the leading
+        eigenvector of the normalised matrix of agreements, as in spectral clustering of signed graphs (Kunegis et al.
+        2010); pairs between them are small in it.
         """
+        if not self._nodes:
+            return {}
         grams, votes = [], np.zeros(len(self._nodes))
         for frame, nodes, residuals, border in self._frames:
             labels = spins(residuals.astype(np.float32) / thresholds[frame])
-            votes[nodes] += [vote(each, border) for each in labels]
+            votes[nodes] += np.array([vote(each, border) for each in labels]) / len(labels)  # a frame has one
             known = np.nan_to_num(labels)
             grams.append((np.array(nodes), (known @ known.T / known.shape[1]).astype(np.float64)))
         side = sides(grams, len(self._nodes))
-        side *= np.sign(side @ votes) or 1
-        return {pair for pair, node in self._nodes.items() if side[node] > AGREES * np.abs(side).max()}
+        side /= np.abs(side).max() * (np.sign(side @ votes) or 1)
+        return {pair: float(side[node]) for pair, node in self._nodes.items()}
 
 
 def sides(
@@ -66,14 +72,14 @@ def sides(
 ) -> npt.NDArray[np.float64]:
     """Which side of a signed graph each of `count` nodes is on, by sign, and how surely, by magnitude.
 
-    `grams` are its edges: nodes [n] and their agreement [n, n], added up.
+    `grams` are its edges, added up.
     """
     degree = np.full(count, 1e-9)
     for nodes, gram in grams:
         degree[nodes] += np.abs(gram).sum(axis=1)
     scaled = [(nodes, gram / np.sqrt(np.outer(degree[nodes], degree[nodes]))) for nodes, gram in grams]
 
-    def multiplied(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def multiplied(vectors: Doubles) -> Doubles:
         product = np.zeros_like(vectors)
         for nodes, gram in scaled:
             product[nodes] += gram @ vectors[nodes]
@@ -93,15 +99,13 @@ def spins(ratio: Floats) -> Floats:
     return (squared - 1) / (squared + 1)
 
 
-def vote(spins: Floats, border: Mask) -> float:
-    """How well these labels [point] may be right: the scene reaches the border and is what most of a frame shows."""
-    seen = ~np.isnan(spins)
-    inner, outer = spins[seen & ~border], spins[seen & border]
+def vote(labels: Floats, border: Mask) -> float:
+    """How much `labels` [point] look like those of a scene with something before it, from -1 to 2.
+
+    What moves is rather inside than along the border, and less than what does not.
+    """
+    seen = ~np.isnan(labels)
+    inner, outer = labels[seen & ~border], labels[seen & border]
     if not len(inner) or not len(outer):
         return 0.0
-    return (
-        float(ALPHA * -(outer.mean() + inner.mean()) / 2 + inner.mean() - outer.mean()) * len(spins[seen]) / len(spins)
-    )
-
-
-ALPHA = 0.5
+    return float(inner.mean() - outer.mean() - MAJORITY * (inner.mean() + outer.mean()))

@@ -110,24 +110,25 @@ class Cameras:
     def forget(self, pair: tuple[int, int]) -> Camera | None:
         """Nothing is known between these frames, the earlier first; what was."""
         former = self._found[pair]
-        self._found[pair] = self._found[pair[::-1]] = None
+        self._found[pair] = self._found[pair[1], pair[0]] = None
         return former
 
-    def reconsider(self, frame: int, other: int, camera: Camera, moving: Mask) -> None:
-        """Takes `camera` from `frame` to a later one unless it follows an object; fits anew where it does.
+    def mend(self, pair: tuple[int, int], among: Mask, unlike: Camera | None) -> None:
+        """Fits the camera between two frames, the earlier first, to links of some points of the first, [point].
 
-        It does where most of what it explains is known to be `moving` [point], points of the first frame. What is
-        fitted to the rest is believed where it explains most of that; otherwise nothing is known between these frames.
+        It is believed where it explains most of them, and is `unlike` a motion that is known not to be the camera's:
+        that one explains less than half of these.
         """
-        source, target, weight = self._linked(frame, other)
-        border = self.borders[frame]
-        if _most(moving, by_border(weight * camera.explains(source, target), border)):
-            weight = np.where(moving, 0, weight).astype(np.float32)
-            mended = Camera.fit(source, target, weight, border, self._random)
-            if mended is None or not _most(mended.explains(source, target), by_border(weight, border)):
-                return
-            camera = mended
-        self._found[frame, other], self._found[other, frame] = camera, camera.inverse()
+        source, target, weight = self._linked(*pair)
+        border = self.borders[pair[0]]
+        camera = Camera.fit(source, target, weight * among, border, self._random)
+        if camera is None:
+            return
+        explained, weight = camera.explains(source, target), by_border(weight * among, border)
+        if not _most(explained, weight):
+            return
+        if unlike is None or not _most(unlike.explains(source, target), weight * explained):
+            self._found[pair], self._found[pair[1], pair[0]] = camera, camera.inverse()
 
     def _linked(self, frame: int, other: int) -> tuple[Floats, Floats, Floats]:
         """Source, target and weight."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from decomotion.data.masks.agreement import Agreement
 from decomotion.data.masks.cameras import Cameras, Floats, Mask
@@ -22,6 +21,8 @@ from decomotion.frames import AnyFrames
 
 COMPARED = (1, 2, 4, 6, 8)
 """Gaps over which labels are compared and carried."""
+AGREES = 0.5
+"""Pairs that follow the scene are at least so far on its side, of 1."""
 SWEEPS = 2
 """Forth and back."""
 
@@ -40,16 +41,15 @@ def consistent_evidence(
     height, width = in_units(frames[0]).shape[:2]
     cameras, agreement = Cameras(links, height, width, random), Agreement()
     found = motion_evidence(frames, links, cameras, range(len(links)), progress, agreement)
-    right = agreement.right(thresholds(found.residual))
-    doubtful = [pair for pair in cameras.pairs() if pair not in right]
+    sides = agreement.of_pairs(thresholds(found.residual))
+    doubtful = {pair: cameras.forget(pair) for pair in cameras.pairs() if sides[pair] < AGREES}
     if not doubtful:
         return found
-    kept = {pair: cameras.forget(pair) for pair in doubtful}
     changed = sorted({frame for pair in doubtful for frame in pair})
     found = replaced(found, motion_evidence(frames, links, cameras, changed, progress), changed)
     moving = heard(found, links) > 0
-    for (frame, other), camera in kept.items():
-        cameras.reconsider(frame, other, camera, moving[frame])
+    for pair, former in doubtful.items():
+        cameras.mend(pair, ~moving[pair[0]], unlike=former if sides[pair] < 0 else None)
     found = replaced(found, motion_evidence(frames, links, cameras, changed, progress), changed)
     return replace(found, heard=np.where(np.isnan(found.residual), heard(found, links), 0))
 

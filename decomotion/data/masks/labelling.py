@@ -53,7 +53,8 @@ def moving_probability(evidence: Evidence, lab: Floats, links: Links) -> Floats:
     near = range(-SMOOTHED, SMOOTHED + 1)
     log_residual = along_links(np.log(evidence.residual + RESIDUAL_NOISE), links, near)
     log_change = along_links(np.log(evidence.change + RESIDUAL_NOISE), links, near)
-    unary = log_odds(np.exp(log_residual), np.exp(log_change)) + EVIDENCE_LIMIT * evidence.heard
+    own = log_odds(np.exp(log_residual), np.exp(log_change))
+    unary = (own + EVIDENCE_LIMIT * evidence.heard).astype(np.float32)
     first = mean_field(unary, lab, links.grid)
     far = [sign * gap for gap in CARRIED for sign in (1, -1)]
     far_away = np.nan_to_num(along_links(2 * first - 1, links, far, doubt=1.0))
