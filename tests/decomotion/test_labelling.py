@@ -137,9 +137,9 @@ def test_what_moves_slowly_is_not_measured_by_what_moves_fast_elsewhere_in_the_c
 
 
 def test_what_stands_for_a_while_moves_with_what_it_is_part_of():
-    """Half of the points move for 17 of 25 frames; along links they are the same in all."""
-    frames, half = 25, np.tile(np.arange(GRID[1]) < 3, GRID[0])
-    residual = np.where(half, np.where(abs(np.arange(frames) - 12) < 9, 4.0, 1.0)[:, None], 0.2).astype(np.float32)
+    """Half of the points stand for seven of 35 frames, then move; along links they are the same in all."""
+    frames, half = 35, np.tile(np.arange(GRID[1]) < 3, GRID[0])
+    residual = np.where(half, np.where(np.arange(frames) < 7, 0.7, 4.0)[:, None], 0.2).astype(np.float32)
     lab = np.where(half[:, None], 200.0, 50.0).astype(np.float32) * np.ones((frames, 1, 3), np.float32)
     evidence = Evidence(residual, np.full_like(residual, 9), np.zeros_like(residual))
     found = labelling.moving_probability(evidence, lab, links(frames=frames))
