@@ -46,13 +46,30 @@ def test_pairs_that_follow_an_object_are_told_from_the_others(wrong: set[tuple[i
     assert {pair for pair, side in sides.items() if side > 0.5} == set(sides) - wrong
 
 
-def test_a_pair_without_a_common_label_is_on_no_side():
+def test_parts_that_share_no_frame_are_on_one_side():
+    """Each with a pair that is wrong."""
     found = Agreement()
-    seen = np.arange(POINTS) < 100
-    found.add(0, {1: residuals(False, seen), 2: residuals(False, seen), 3: residuals(False, ~seen & ~seen)}, BORDER)
+    for frame in (0, 1, 2, 3, 10, 11, 12, 13):
+        others = [other for other in range(frame // 10 * 10, frame // 10 * 10 + 4) if other != frame]
+        told = {other: residuals({frame, other} in ({0, 3}, {11, 12})) for other in others}
+        found.add(frame, told, BORDER)
+    sides = found.of_pairs(np.full(14, 2.0, np.float32))
+    assert {pair for pair, side in sides.items() if side < 0} == {(0, 3), (11, 12)}
+    assert min(side for side in sides.values() if side > 0) > 0.5
+
+
+def test_residuals_without_bound_are_large():
+    found, huge = Agreement(), np.full(POINTS, np.inf, np.float32)
+    found.add(0, {1: residuals(False), 2: huge}, BORDER)
+    assert found.of_pairs(np.array([2.0], np.float32))[0, 2] < 0
+
+
+def test_a_pair_that_sees_nothing_is_on_no_side():
+    found, nothing = Agreement(), np.full(POINTS, np.nan, np.float32)
+    found.add(0, {1: residuals(False), 2: residuals(False), 3: nothing}, BORDER)
     sides = found.of_pairs(np.array([2.0], np.float32))
     assert sides[0, 1] == pytest.approx(1)
-    assert abs(sides[0, 3]) < 0.5
+    assert 0 <= sides[0, 3] < 0.1
     assert Agreement().of_pairs(np.empty(0, np.float32)) == {}
 
 

@@ -22,6 +22,10 @@ Pair = tuple[int, int]
 
 MAJORITY = 0.125
 """What it weighs that most of a frame stands, beside that what moves is surrounded by it."""
+LARGEST = 1e4
+"""A residual of more units is taken for so much."""
+TIE = 1e-4
+"""By which all pairs together agree, so that those which share nothing are on one side."""
 VECTORS = 4
 """Iterated at once."""
 ITERATIONS = 200
@@ -45,7 +49,8 @@ class Agreement:
         `border` [point] tells the points near the image's border: the scene reaches it, an object rarely all of it.
         """
         nodes = [self._nodes.setdefault(pair_of(frame, other), len(self._nodes)) for other in residuals]
-        self._frames.append((frame, nodes, np.stack(list(residuals.values())).astype(np.float16), border))
+        values = np.minimum(np.stack(list(residuals.values())), LARGEST).astype(np.float16)
+        self._frames.append((frame, nodes, values, border))
 
     def of_pairs(self, thresholds: Floats) -> dict[Pair, float]:
         """Of each pair: 1 where it follows the scene, -1 where something else, and between where that is not clear.
@@ -67,26 +72,26 @@ class Agreement:
         return {pair: float(side[node]) for pair, node in self._nodes.items()}
 
 
-def sides(
-    grams: Sequence[tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]], count: int
-) -> npt.NDArray[np.float64]:
+def sides(grams: Sequence[Gram], count: int) -> Doubles:
     """Which side of a signed graph each of `count` nodes is on, by sign, and how surely, by magnitude.
 
-    `grams` are its edges, added up.
+    `grams` are its edges, added up. Parts that no edge joins are on the side on which most of each is.
     """
     degree = np.full(count, 1e-9)
     for nodes, gram in grams:
         degree[nodes] += np.abs(gram).sum(axis=1)
     scaled = [(nodes, gram / np.sqrt(np.outer(degree[nodes], degree[nodes]))) for nodes, gram in grams]
 
+    together = np.sqrt(degree / degree.sum())
+
     def multiplied(vectors: Doubles) -> Doubles:
-        product = np.zeros_like(vectors)
+        product = TIE * np.outer(together, together @ vectors)
         for nodes, gram in scaled:
             product[nodes] += gram @ vectors[nodes]
         return product
 
     vectors = np.random.default_rng(0).normal(size=(count, min(VECTORS, count)))
-    vectors[:, 0] = np.sqrt(degree)  # the answer where all agree
+    vectors[:, 0] = together  # the answer where all agree
     for _ in range(ITERATIONS):
         vectors = np.linalg.qr(multiplied(vectors) + vectors)[0]  # with the identity no eigenvalue is negative
     turned = np.linalg.eigh(vectors.T @ multiplied(vectors))[1]

@@ -1,9 +1,8 @@
 """Evidence of motion against one scene: what is the scene in some frames is the scene in all.
 
-Where an object fills the frame, the motion that explains most is the object's. Labels of that frame then contradict
-those of others along links: what moves there stands here. Frames whose labels agree are found as the part of a signed
-graph that hangs together, the larger side of it; their labels are carried along links into the other frames, and where
-the camera between two frames follows what is known to move, it is fitted to the rest.
+Where an object fills a frame, the motion that explains most between it and another may be the object's. Such pairs of
+frames are told from the others (`agreement.py`). What the others say is carried along links to where they say nothing,
+and the camera of such a pair is fitted to what is not known to move.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from decomotion.data.masks.labelling import log_odds, thresholds
 from decomotion.data.masks.links import Links
 from decomotion.frames import AnyFrames
 
-COMPARED = (1, 2, 4, 6, 8)
-"""Gaps over which labels are compared and carried."""
+GAPS = (1, 2, 4, 6, 8)
+"""Over which labels are carried."""
 AGREES = 0.5
 """Pairs that follow the scene are at least so far on its side, of 1."""
 SWEEPS = 2
@@ -79,7 +78,7 @@ def carried(spins: Floats, known: Mask, links: Links) -> Floats:
     for order in (wanting, wanting[::-1]) * SWEEPS:
         for frame in order:
             total, most = np.zeros((spins.shape[1], 2), np.float32), np.full(spins.shape[1], 1e-3, np.float32)
-            for other in _compared(frame, frames):
+            for other in _around(frame, frames):
                 weight = links.weight(frame, other)
                 heard = links.read(np.stack([spins[other] * sure[other], sure[other]], axis=-1), frame, other)
                 total += weight[:, None] * heard
@@ -90,7 +89,7 @@ def carried(spins: Floats, known: Mask, links: Links) -> Floats:
     return spins
 
 
-def _compared(frame: int, frames: int) -> list[int]:
-    """The other frames, of so many, that the labels of `frame` are compared with."""
-    around = (frame + sign * gap for gap in COMPARED for sign in (1, -1))
+def _around(frame: int, frames: int) -> list[int]:
+    """The other frames, of so many, that `frame` hears."""
+    around = (frame + sign * gap for gap in GAPS for sign in (1, -1))
     return [other for other in around if 0 <= other < frames]
