@@ -23,7 +23,7 @@ from decomo_eval.dataset import read_dataset
 from decomotion.chance import generator
 from decomotion.clip import Clip
 from decomotion.config import load
-from decomotion.data.masks import evidence, labelling
+from decomotion.data.masks import cameras, consistency, evidence, labelling
 from decomotion.data.masks.auto import moving_probability, rendered
 from decomotion.data.prepare import prepare_in_stages
 from harness.pictures import intersection_over_union
@@ -31,9 +31,12 @@ from harness.pictures import intersection_over_union
 ABLATIONS: dict[str, tuple[ModuleType, str, Any]] = {
     "homography alone": (evidence, "EPIPOLAR_TRUST", ((0.0, 0.0), (1.0, 0.0))),
     "epipolar alone": (evidence, "EPIPOLAR_TRUST", ((0.0, 1.0), (1.0, 1.0))),
-    "border not preferred": (evidence, "INTERIOR_WEIGHT", 1.0),
+    "border not preferred": (cameras, "INTERIOR_WEIGHT", 1.0),
+    "each pair its own scene": (consistency, "AGREES", -2.0),
     "colours not compared": (labelling, "CHANGE_RANGE", (-1.0, 0.0)),
     "threshold 1 px": (labelling, "otsu", lambda _: 0.0),
+    "threshold of the clip": (labelling, "NEIGHBOURS", 10**6),
+    "far frames not heard": (labelling, "CARRIED_WEIGHT", 0.0),
     "not averaged along links": (labelling, "SMOOTHED", 0),
     "no neighbours": (labelling, "SPATIAL_WEIGHT", 0.0),
 }
@@ -56,10 +59,11 @@ def exchanged(module: ModuleType, name: str, value: Any) -> Iterator[None]:
 @click.argument("truth", type=click.Path(exists=True))
 @click.option("--clips", help="Names, separated by commas.  [default: all]")
 @click.option("--preset", type=click.Choice(["cpu", "paper"]), default="cpu", help="Whose flow and links.")
+@click.option("--set", "overrides", multiple=True, help="Settings of the links, as data.flow.intervals=[1,2].")
 @click.option("--ablate", is_flag=True, help="Also without each part of the method.")
-def main(dataset: str, truth: str, clips: str | None, preset: str, ablate: bool) -> None:
+def main(dataset: str, truth: str, clips: str | None, preset: str, overrides: tuple[str, ...], ablate: bool) -> None:
     videos, drawn = read_dataset(dataset), np.load(truth)
-    config = load(preset, overrides=("data.features=none", "data.masks=none")).data
+    config = load(preset, overrides=("data.features=none", "data.masks=none", *overrides)).data
     columns = ["auto", *(ABLATIONS if ablate else ())]
     click.echo(f"| clip | moves | found | seconds | {' | '.join(columns)} |\n|{'---|' * (4 + len(columns))}")
     table = []

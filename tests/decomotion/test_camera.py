@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 import torch
 
-from decomotion.data.camera import Affine, chain, compose, fit_affine, homogeneous, invert, to_normalised
+from decomotion.data.camera import Affine, chain, compose, fit_affine, homogeneous, invert, shift, to_normalised
 from decomotion.geometry import ImagePlane
 
 FRAMES, POINTS, HEIGHT, WIDTH = 7, 100, 60, 90
@@ -75,10 +75,53 @@ def test_few_points_give_a_shift_and_none_nothing():
     source = np.random.default_rng(0).uniform(0, 50, (5, 2)).astype(np.float32)
     target = source + np.array([2, -3], np.float32)
     target[0] += 40
-    fitted = fit_affine(source, target, UNIT)
-    assert fitted is not None
-    np.testing.assert_allclose(fitted, [[1, 0, 2], [0, 1, -3]], atol=1e-5)
-    assert fit_affine(source[:0], target[:0], UNIT) is None
+    assert fit_affine(source, target, UNIT) is None
+    found = shift(source, target)
+    assert found is not None
+    np.testing.assert_allclose(found, [[1, 0, 2], [0, 1, -3]], atol=1e-5)
+    assert shift(source[:0], target[:0]) is None
+
+
+def test_points_that_agree_on_nothing_tell_of_nothing():
+    source, target = np.random.default_rng(0).uniform(0, 50, (2, 400, 2)).astype(np.float32)
+    assert fit_affine(source, target, UNIT, least=40) is None
+    assert fit_affine(source, source + np.float32(3), UNIT, least=40) is not None
+
+
+@pytest.mark.parametrize("unseen", [[2], [3], [4, 5], [2, 3, 4]])
+def test_frames_that_show_nothing_are_interpolated_and_those_behind_them_found(unseen: list[int]):
+    """Also where the middle frame is one of them; the world moves steadily."""
+    world = [np.array([[1, 0, 4.0 * frame], [0, 1, -2.0 * frame]]) for frame in range(FRAMES)]
+    points, targets = correspondences(world)
+    usable = np.ones(targets.shape[:3], np.uint8)
+    usable[unseen], usable[:, unseen] = 0, 0
+    maps = chain(points, targets, usable, EVERY, UNIT)
+    for frame in range(FRAMES):
+        np.testing.assert_allclose(maps[frame], compose(invert(world[FRAMES // 2]), world[frame]), atol=0.01)
+
+
+def test_at_the_end_of_a_clip_what_shows_nothing_stands():
+    world = [similarity(frame) for frame in range(FRAMES)]
+    points, targets = correspondences(world)
+    usable = np.ones(targets.shape[:3], np.uint8)
+    usable[5:], usable[:, 5:] = 0, 0
+    maps = chain(points, targets, usable, EVERY, UNIT)
+    np.testing.assert_allclose(maps[4], compose(invert(world[FRAMES // 2]), world[4]), atol=1e-3)
+    np.testing.assert_allclose(maps[[5, 6]], maps[[4, 4]], atol=1e-9)
+
+
+def test_a_few_stray_points_do_not_lead_the_scene_but_an_object_may_be_small():
+    """Fifteen of two thousand points go with something else, and no others are seen."""
+    random = np.random.default_rng(0)
+    points = random.uniform((0, 0), (WIDTH, HEIGHT), (FRAMES, 2000, 2)).astype(np.float32)
+    gap = (np.arange(FRAMES)[None] - np.arange(FRAMES)[:, None])[..., None, None]
+    targets = (points[:, None] + gap * np.array([5.0, 1.0])).astype(np.float32)
+    few = np.zeros(targets.shape[:3], np.uint8)
+    few[:, :, :15] = 255
+    every, still = np.ones(points.shape[:2], np.bool_), np.tile(np.eye(2, 3), (FRAMES, 1, 1))
+    np.testing.assert_array_equal(chain(points, targets, few, every, UNIT), still)
+    small = chain(points, targets, few, every, UNIT, similarity=True, fallback=still)
+    np.testing.assert_allclose(small[0], [[1, 0, 15], [0, 1, 3]], atol=0.01)
 
 
 def test_without_points_a_chain_follows_the_fallback_or_stands_still():

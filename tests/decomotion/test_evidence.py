@@ -1,49 +1,22 @@
-"""Evidence of motion: residuals of both camera models, and the look at colours, each against a case worked by hand."""
+"""Evidence of motion: residuals to the camera, and the look at colours, each against a case worked by hand."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from decomotion.data.masks import evidence
+from decomotion.data.masks import cameras, evidence
+from decomotion.data.masks.cameras import Cameras
+from decomotion.data.masks.links import Links
+from decomotion.units import to_units
 
 
 def test_units_cover_the_same_area():
     np.testing.assert_allclose(
-        evidence.to_units(np.array([[-0.5, 511.5], [255.5, 0.0]], np.float32), 512, 256),
+        to_units(np.array([[-0.5, 511.5], [255.5, 0.0]], np.float32), 512, 256),
         [[-0.5, 255.5], [127.5, -0.25]],
     )
     assert evidence.in_units(np.zeros((64, 128, 3), np.uint8)).shape == (128, 256, 3)
-
-
-def test_transfer_distance():
-    shift = np.array([[1.0, 0, 3], [0, 1, 4], [0, 0, 1]])
-    xy = np.array([[0, 0], [10, 20]], np.float32)
-    np.testing.assert_allclose(evidence.transfer_distance(shift, xy, xy), [5, 5])
-
-
-def test_sampson_distance_sees_across_epipolar_lines_only():
-    """A camera that moves sideways: y stays; an error of d in y is shared by both images, d / sqrt(2)."""
-    sideways = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    source = np.array([[5, 7], [5, 7]], np.float32)
-    target = np.array([[90, 7], [5, 9]], np.float32)
-    np.testing.assert_allclose(evidence.sampson_distance(sideways, source, target), [0, 2 / 2**0.5], atol=1e-6)
-
-
-def test_fundamental_matrix_of_two_depths():
-    random = np.random.default_rng(0)
-    source = random.uniform(0, 255, (400, 2)).astype(np.float32)
-    depth = random.uniform(1, 3, (400, 1)).astype(np.float32)
-    target = (source + np.array([10.0, 4.0]) / depth).astype(np.float32)
-    target[:40] = random.uniform(0, 255, (40, 2))
-    matrix = evidence.fit_fundamental(source, target)
-    assert matrix is not None
-    assert np.median(evidence.sampson_distance(matrix, source[40:], target[40:])) < 0.05
-
-
-def test_no_fundamental_matrix_of_nothing():
-    assert evidence.fit_fundamental(np.zeros((3, 2), np.float32), np.zeros((3, 2), np.float32)) is None
 
 
 @pytest.mark.parametrize(("shares", "trust"), [([0.0, 0.01], 0.25), ([0.1, 0.1, 0.9], 0.5), ([0.4], 0.75)])
@@ -57,38 +30,6 @@ def test_combined_is_a_geometric_mean():
     # 4 x 0.5 and 8: 4; the noise is 0.05
     np.testing.assert_allclose(result, [4.06, (8.05 * 0.05) ** 0.5], rtol=0.01)
     assert np.isnan(evidence.combined(np.array([np.nan], np.float32), np.array([1.0], np.float32), 0.5)).all()
-
-
-def test_the_camera_s_way_back():
-    random = np.random.default_rng(2)
-    homography = np.array([[1.1, 0.05, 4.0], [-0.03, 0.95, -2.0], [1e-4, 0.0, 1.0]])
-    camera = evidence._Camera(homography, random.normal(size=(3, 3)))
-    back = evidence.inverse(camera)
-    assert back is not None
-    assert back.fundamental is not None
-    source, target = random.uniform(0, 200, (2, 30, 2)).astype(np.float32)
-    there = cv2.perspectiveTransform(source[None], homography)[0]
-    np.testing.assert_allclose(evidence.transfer_distance(back.homography, there, source), 0, atol=1e-3)
-    np.testing.assert_allclose(
-        evidence.sampson_distance(back.fundamental, target, source),
-        evidence.sampson_distance(camera.fundamental, source, target),  # type: ignore[arg-type]
-        rtol=1e-4,
-    )
-    assert evidence.inverse(None) is None
-
-
-def test_points_are_drawn_by_their_weight():
-    """One point in four weighs three times as much as the others: at first half of those drawn are such."""
-    weight = np.where(np.arange(10**5) % 4 == 0, 3.0, 1.0)
-    drawn = evidence.draw(weight, np.random.default_rng(0))
-    assert (drawn % 4 == 0).mean() == pytest.approx(0.5, abs=0.05)
-
-
-def test_drawn_points_are_few_distinct_and_allowed():
-    weight = np.r_[np.zeros(100), np.ones(5000)]
-    drawn = evidence.draw(weight, np.random.default_rng(0))
-    assert len(drawn) == len(set(drawn)) == evidence.SAMPLE
-    assert drawn.min() >= 100
 
 
 class TestPhotometricChange:
@@ -110,34 +51,6 @@ def test_quantiles_leave_out_what_is_not_known():
     values = [np.array(row, np.float32) for row in ([3, nan, nan], [1, 5, nan], [2, nan, nan])]
     np.testing.assert_array_equal(evidence.quantile(values, 0.5), [2, 5, nan])
     np.testing.assert_array_equal(evidence.quantile(values, 0.7), [3, 5, nan])
-
-
-def test_frames_are_compared_with_those_up_to_eight_away():
-    assert evidence.neighbours(0, 20) == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert evidence.neighbours(10, 30) == [2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14, 15, 16, 17, 18]
-    assert evidence.neighbours(18, 20) == [10, 11, 12, 13, 14, 15, 16, 17, 19]
-    assert evidence.neighbours(2, 4) == [0, 1, 3]
-
-
-def test_the_border_is_a_tenth_of_the_longer_side():
-    x, y = [9.9, 10.1, 88.9, 89.1, 50, 50, 50, 50], [25, 25, 25, 25, 9.9, 10.1, 38.9, 39.1]
-    found = evidence.near_border(np.array([x, y], np.float32).T, height=50, width=100)
-    assert found.tolist() == [True, False, False, True, True, False, False, True]
-    upright = evidence.near_border(np.array([y, x], np.float32).T, height=100, width=50)
-    assert upright.tolist() == found.tolist()
-
-
-def test_sampson_distance_of_any_matrix():
-    """Hartley and Zisserman's 11.9, one correspondence at a time."""
-    random = np.random.default_rng(0)
-    matrix = random.normal(size=(3, 3))
-    source, target = (random.uniform(0, 200, (5, 2)).astype(np.float32) for _ in range(2))
-    found = evidence.sampson_distance(matrix, source, target)
-    for (x, y), (u, v), distance in zip(source, target, found, strict=True):
-        a, b, c = (row[0] * x + row[1] * y + row[2] for row in matrix)
-        d, e = (matrix[0][k] * u + matrix[1][k] * v + matrix[2][k] for k in (0, 1))
-        expected = abs(u * a + v * b + c) / (a**2 + b**2 + d**2 + e**2) ** 0.5
-        assert distance == pytest.approx(expected, rel=1e-4)
 
 
 def test_the_more_of_the_border_only_epipolar_geometry_explains_the_more_it_is_believed():
@@ -182,7 +95,7 @@ def lattice(rows: int, columns: int, height: int, width: int) -> np.ndarray:
 
 def test_the_residual_of_what_moves_before_a_still_camera(monkeypatch: pytest.MonkeyPatch):
     """A point that goes 3 units a frame is off by 3 gap / sqrt(gap); the lower median over the pairs counts."""
-    monkeypatch.setattr(evidence, "fit_fundamental", lambda *_: None)  # the homography decides alone
+    monkeypatch.setattr(cameras, "fit_fundamental", lambda *_: None)  # the homography decides alone
     height, width, frames = 144, 256, 5
     points = np.tile(lattice(9, 16, height, width), (frames, 1, 1))
     gap = np.arange(frames)[None] - np.arange(frames)[:, None]
@@ -192,8 +105,11 @@ def test_the_residual_of_what_moves_before_a_still_camera(monkeypatch: pytest.Mo
     confidence = np.full(targets.shape[:3], 255, np.uint8)
     confidence[3, :, 3] = 0
     confidence[1, :, 20:] = 0  # of a frame with fewer than 64 points nothing is known
-    random = np.random.default_rng(0)
-    found = evidence.motion_evidence(images, points, targets, confidence, (height, width), random)
+    links = Links(points, targets, confidence, (9, 16), (height, width))
+    motion = Cameras(links, height, width, np.random.default_rng(0))
+    found = evidence.motion_evidence(images, links, motion, range(frames))
+    np.testing.assert_array_equal(evidence.motion_evidence(images, links, motion, [2]).residual[2], found.residual[2])
+    assert np.isnan(evidence.motion_evidence(images, links, motion, [2]).residual[[0, 4]]).all()
     assert found.residual[2, 70] == pytest.approx(3.05, rel=1e-3)  # over gaps 1, 1, 2, 2
     assert found.residual[0, 70] == pytest.approx(3 * 2**0.5 + 0.05, rel=1e-3)  # over gaps 1, 2, 3, 4
     np.testing.assert_allclose(np.delete(found.residual[2], 70), 0.05, atol=1e-3)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from decomotion.data.masks import labelling
-from decomotion.data.masks.labelling import LinkReader
+from decomotion.data.masks.evidence import Evidence
+from decomotion.data.masks.links import Links
 
 GRID = (4, 6)
 POINTS = GRID[0] * GRID[1]
+AROUND = range(-4, 5)
 
 
 def links(shift: float = 0.0, frames: int = 2, confidence: int = 255) -> Links:
@@ -19,7 +21,8 @@ def links(shift: float = 0.0, frames: int = 2, confidence: int = 255) -> Links:
     frame = np.arange(frames)
     gap = (frame[None] - frame[:, None])[..., None, None]
     targets = (points + gap * np.array([shift, 0])).astype(np.float32)
-    return LinkReader(targets, np.full(targets.shape[:3], confidence, np.uint8), GRID, 8, 12)
+    given = np.tile(points, (frames, 1, 1)), targets, np.full(targets.shape[:3], confidence, np.uint8)
+    return Links(*given, GRID, (8, 12))
 
 
 class TestOtsu:
@@ -50,10 +53,10 @@ def test_reading_follows_the_links():
 def test_averages_leave_out_what_is_not_known():
     values = np.full((2, POINTS), np.nan, np.float32)
     values[1, :6] = 4
-    averaged = labelling.along_links(values, links())
+    averaged = labelling.along_links(values, links(), AROUND)
     np.testing.assert_allclose(averaged[:, :6], 4)
     assert np.isnan(averaged[:, 6:]).all()
-    averaged = labelling.along_links(np.stack([np.zeros(POINTS), np.ones(POINTS)]).astype(np.float32), links())
+    averaged = labelling.along_links(np.stack([np.zeros(POINTS), np.ones(POINTS)]).astype(np.float32), links(), AROUND)
     np.testing.assert_allclose(averaged, 0.5)
 
 
@@ -103,7 +106,7 @@ class TestMeanField:
 def test_evidence_is_averaged_over_four_frames_to_either_side():
     values = np.zeros((11, POINTS), np.float32)
     values[5] = 9
-    averaged = labelling.along_links(values, links(frames=11))[:, 0]
+    averaged = labelling.along_links(values, links(frames=11), AROUND)[:, 0]
     # frames 1 to 9 see the sixth, among five to nine frames
     np.testing.assert_allclose(averaged, [0, 9 / 6, 9 / 7, 9 / 8, 1, 1, 1, 9 / 8, 9 / 7, 9 / 6, 0], rtol=1e-5)
 
@@ -113,7 +116,46 @@ def test_an_average_weighs_links_by_their_confidence():
     reader = links()
     reader._confidence[0, 1] = 51
     np.testing.assert_allclose(reader.weight(0, 1), 0.2)
-    np.testing.assert_allclose(labelling.along_links(values, reader)[0], 6 * 0.2 / 1.2, rtol=1e-5)
+    np.testing.assert_allclose(labelling.along_links(values, reader, AROUND)[0], 6 * 0.2 / 1.2, rtol=1e-5)
+
+
+def test_doubt_counts_as_links_to_nothing_and_gaps_are_as_asked():
+    values = np.arange(5, dtype=np.float32)[:, None] * np.ones(POINTS, np.float32)
+    heard = labelling.along_links(values, links(frames=5), (2, -2), doubt=1.0)[:, 0]
+    np.testing.assert_allclose(heard, [2 / 2, 3 / 2, (0 + 4) / 3, 1 / 2, 2 / 2])
+
+
+def test_what_moves_slowly_is_not_measured_by_what_moves_fast_elsewhere_in_the_clip():
+    """A threshold is Otsu's of the clip, or of the eight frames to either side where that is lower."""
+    residual = np.tile(np.array([0.1, 0.1, 4.0, 0.1], np.float32), (30, 1))
+    residual[:10, 2] = 100.0
+    found = labelling.thresholds(residual)
+    fast, slow = found[0], found[29]
+    assert fast == pytest.approx((0.1**0.5 + 10) ** 2 / 4, rel=1e-4)
+    assert slow == pytest.approx((0.1**0.5 + 2) ** 2 / 4, rel=1e-4)
+    assert found[17] > slow == found[18]
+
+
+def test_what_stands_for_a_while_moves_with_what_it_is_part_of():
+    """Half of the points stand for seven of 35 frames, then move; along links they are the same in all."""
+    frames, half = 35, np.tile(np.arange(GRID[1]) < 3, GRID[0])
+    residual = np.where(half, np.where(np.arange(frames) < 7, 0.7, 4.0)[:, None], 0.2).astype(np.float32)
+    lab = np.where(half[:, None], 200.0, 50.0).astype(np.float32) * np.ones((frames, 1, 3), np.float32)
+    evidence = Evidence(residual, np.full_like(residual, 9), np.zeros_like(residual))
+    found = labelling.moving_probability(evidence, lab, links(frames=frames))
+    assert (found[:, half] > 0.5).all()
+    assert (found[:, ~half] < 0.1).all()
+
+
+def test_where_there_is_no_evidence_labels_are_what_is_heard():
+    """Half of the points in one of three frames, of unlike colour; with no links they are on their own."""
+    half = np.tile(np.arange(GRID[1]) < 3, GRID[0])
+    residual, heard = np.full((3, POINTS), 0.2, np.float32), np.zeros((3, POINTS), np.float32)
+    residual[1], heard[1] = np.nan, np.where(half, 0.3, -0.3)
+    lab = np.where(half[:, None], 200.0, 50.0).astype(np.float32) * np.ones((3, 1, 3), np.float32)
+    evidence = Evidence(residual, np.full_like(residual, 9), heard)
+    found = labelling.moving_probability(evidence, lab, links(frames=3, confidence=0))
+    np.testing.assert_array_equal(found[1] > 0.5, half)
 
 
 def test_log_odds_by_hand():

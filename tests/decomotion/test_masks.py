@@ -60,20 +60,27 @@ def scene(
     points = jittered_grid(FRAMES, HEIGHT, WIDTH, COUNT, random)
     targets = np.empty((FRAMES, FRAMES, points.shape[1], 2), np.float32)
     pixels = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1).reshape(-1, 2).astype(float)
-    frames = []
+    covered = [np.zeros((HEIGHT, WIDTH), np.bool_) if layer is None else where(i) for i in range(FRAMES)]
+    frames, on_layer = [], np.empty(points.shape[:2], np.bool_)
     for i in range(FRAMES):
-        covered = np.zeros((HEIGHT, WIDTH), np.bool_) if layer is None else where(i)
         back, front = (
             _drawn(texture, how(pixels, -i)) for texture, how in zip(textures, (move, layer or move), strict=True)
         )
-        frames.append(np.where(covered[..., None], front, back))
-        x, y = np.round(points[i]).astype(int).T
+        frames.append(np.where(covered[i][..., None], front, back))
+        on_layer[i] = _at(covered[i], points[i])
         for j in range(FRAMES):
-            targets[i, j] = np.where(covered[y, x, None], (layer or move)(points[i], j - i), move(points[i], j - i))
-    targets += random.normal(scale=0.1, size=targets.shape).astype(np.float32)
+            targets[i, j] = np.where(on_layer[i, :, None], (layer or move)(points[i], j - i), move(points[i], j - i))
     x, y = targets[..., 0], targets[..., 1]
     inside = (x > -0.5) & (y > -0.5) & (x < WIDTH - 0.5) & (y < HEIGHT - 0.5)
-    return np.clip(frames, 0, 255).astype(np.uint8), points, targets, (255 * inside).astype(np.uint8)
+    hidden = np.stack([_at(covered[j], targets[:, j]) for j in range(FRAMES)], axis=1) & ~on_layer[:, None]
+    targets += random.normal(scale=0.1, size=targets.shape).astype(np.float32)
+    return np.clip(frames, 0, 255).astype(np.uint8), points, targets, (255 * (inside & ~hidden)).astype(np.uint8)
+
+
+def _at(mask: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """A mask [H, W] at the pixels nearest to `xy` [..., 2], inside."""
+    x, y = np.moveaxis(np.clip(np.round(xy), 0, (WIDTH - 1, HEIGHT - 1)).astype(int), -1, 0)
+    return mask[y, x]
 
 
 def _drawn(texture: np.ndarray, xy: np.ndarray) -> np.ndarray:

@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.masks import evidence, labelling
-from decomotion.data.pool import Positions, first_points
+from decomotion.data.masks import labelling
+from decomotion.data.masks.consistency import consistent_evidence
+from decomotion.data.masks.evidence import in_units
+from decomotion.data.masks.links import Links
+from decomotion.data.pool import Positions
 from decomotion.data.sampling import bilinear, rescaled
 from decomotion.frames import AnyFrames
-from decomotion.units import to_units
 
 Mask = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
@@ -42,13 +44,10 @@ def moving_probability(
         random: draws the points that geometry is fitted to.
         progress: show a progress bar.
     """
-    count = grid[0] * grid[1]
-    positions = to_units(points[:, :count], *sides)
-    linked = first_points(targets, count), confidence[:, :, :count]
-    found = evidence.motion_evidence(frames, positions, *linked, sides, random, progress)
-    lab = np.stack([_lab_at(evidence.in_units(frame), xy) for frame, xy in zip(frames, positions, strict=True)])
-    links = labelling.LinkReader(*linked, grid, *sides)
-    return labelling.moving_probability(found, lab, links, grid).reshape(-1, *grid)
+    links = Links(points, targets, confidence, grid, sides)
+    found = consistent_evidence(frames, links, random, progress)
+    lab = np.stack([_lab_at(in_units(frame), xy) for frame, xy in zip(frames, links.points, strict=True)])
+    return labelling.moving_probability(found, lab, links).reshape(-1, *grid)
 
 
 def moves_at(probability: Floats, xy: Floats, sides: tuple[int, int]) -> Mask:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from decomotion.data.masks.auto import moving_probability
-from decomotion.data.masks.evidence import NEIGHBOURS
+from decomotion.data.masks.cameras import NEIGHBOURS
 from decomotion.data.pool import grid_shape, jittered_grid
 from decomotion.data.timing import least_seconds
 from decomotion.frames import AnyFrames

@@ -1,22 +1,16 @@
 """Evidence of motion: how badly the camera's motion explains where each point goes.
 
-Frames are compared in pairs. The camera between two frames is modelled twice:
-
-- by a homography, which is right for far or planar scenes, and where the camera only turns;
-- by epipolar geometry, which is right for any static scene, but blind to motion along the epipolar lines. It is fitted
-  to what the homography explains together with a band along the image's border: an object that takes up much of the
-  frame must not be mistaken for parallax, and what parallax the scene has shows along the border too.
-
-The two residuals are multiplied, each to a power: the more of the border only epipolar geometry explains, the more it
-is believed. A second, photometric look says whether a point's surroundings change at all when the camera's motion is
-undone: where they do not (sky, plain road), a residual is no more than flow gone astray.
+Frames are compared in pairs. A point's distances from the homography and from epipolar geometry (`cameras.py`) are
+multiplied, each to a power: the more of the border only epipolar geometry explains, the more it is believed. A second,
+photometric look says whether a point's surroundings change at all when the camera's motion is undone: where they do not
+(sky, plain road), a residual is no more than flow gone astray.
 
 Positions and residuals are in units, pixels of a frame whose longer side is 256; see `to_units`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,31 +19,26 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from decomotion.data.pool import Positions
+from decomotion.data.masks.agreement import Agreement
+from decomotion.data.masks.cameras import (
+    EPIPOLAR_UNITS,
+    HOMOGRAPHY_UNITS,
+    MIN_VALID,
+    NEIGHBOURS,
+    Camera,
+    Cameras,
+    Floats,
+    Mask,
+    Model,
+    neighbours,
+    sampson_distance,
+    transfer_distance,
+)
+from decomotion.data.masks.links import Links
 from decomotion.data.sampling import bilinear
 from decomotion.frames import AnyFrames
-from decomotion.units import to_units, unit
+from decomotion.units import unit
 
-Floats = npt.NDArray[np.float32]
-Model = npt.NDArray[np.float64]
-"""3x3."""
-
-NEIGHBOURS = 8
-"""Frames are compared with all up to this far away."""
-MIN_VALID = 64
-"""A pair with fewer visible correspondences says nothing."""
-SAMPLE = 1500
-"""Models are fitted to at most this many correspondences."""
-BORDER = 0.1
-"""Width of the band along the border, as a share of the frame's longer side."""
-INTERIOR_WEIGHT = 0.3
-"""Correspondences outside that band are drawn with this weight: the scene reaches the border, objects rarely do."""
-HOMOGRAPHY_UNITS = 1.5
-"""Inliers of the homography lie this near, in units."""
-SINGULAR = 1e-9
-"""Determinant below which a homography has no inverse to speak of."""
-EPIPOLAR_UNITS = 0.5
-"""Noise scale of MAGSAC for the fundamental matrix, in units; also where a point counts as explained by it."""
 EPIPOLAR_SCALE = 4.0
 """The Sampson distance sees one direction, and part of it; so many times larger it compares with a transfer error."""
 EPIPOLAR_TRUST = ((0.05, 0.25), (0.15, 0.75))
@@ -70,6 +59,8 @@ class Evidence:
     """Distance from the camera's motion, units per square root of the gap; NaN where no pair shows the point."""
     change: Floats
     """Photometric change once the camera's motion is undone, relative to the frame's median; NaN likewise."""
+    heard: Floats
+    """Where nothing is known of a point: what it does in other frames, 1 moves, -1 does not; otherwise 0."""
 
 
 def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -83,99 +74,52 @@ def in_units(frame: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 def motion_evidence(
     frames: AnyFrames,
-    points: Floats,
-    targets: Positions,
-    confidence: npt.NDArray[np.uint8],
-    sides: tuple[int, int],
-    random: np.random.Generator,
+    links: Links,
+    cameras: Cameras,
+    some: Iterable[int],
     progress: bool = False,
+    agreement: Agreement | None = None,
 ) -> Evidence:
-    """Compares every frame with its neighbours up to `NEIGHBOURS` away.
+    """Compares `some` frames with their neighbours; of the others nothing is told, which is NaN.
 
     Args:
         frames: [frame, h, w, 3], of which a few are in memory at a time.
-        points: [frame, point, 2], in units.
-        targets: [frame, frame, point, 2] in pixels of the clip, as in the pool.
-        confidence: [frame, frame, point], as in the pool; 0 says nothing.
-        sides: height and width of the clip.
-        random: draws the points that geometry is fitted to.
+        links: of the clip.
+        cameras: the camera's motion.
+        some: the frames.
         progress: show a progress bar.
+        agreement: is told what each pair calls moving.
     """
-    count, (height, width) = len(points), in_units(frames[0]).shape[:2]
 
     @lru_cache(2 * NEIGHBOURS + 1)
     def blurred(frame: int) -> npt.NDArray[np.uint8]:
         return np.asarray(cv2.GaussianBlur(in_units(frames[frame]), (0, 0), 1), np.uint8)
 
-    cameras: dict[tuple[int, int], _Camera | None] = {}
-    residual = np.full(points.shape[:2], np.nan, np.float32)
-    change = np.full(points.shape[:2], np.nan, np.float32)
-    for frame in tqdm(range(count), "motion", disable=not progress, leave=False):
-        source, border = points[frame], near_border(points[frame], height, width)
+    residual = np.full(links.points.shape[:2], np.nan, np.float32)
+    change = np.full(links.points.shape[:2], np.nan, np.float32)
+    for frame in tqdm(list(some), "motion", disable=not progress, leave=False):
+        source, border = links.points[frame], cameras.borders[frame]
         pairs: dict[int, _Pair] = {}
-        for other in neighbours(frame, count):
-            target, visible = to_units(targets[frame, other], *sides), confidence[frame, other]
-            camera = None if frame < other else inverse(cameras.pop((other, frame)))
-            if camera is None:
-                camera = _Camera.fit(source, target, visible, border, random)
-            if frame < other:
-                cameras[frame, other] = camera  # for the way back
-            if camera is not None and (visible > 0).sum() >= MIN_VALID:
-                pairs[other] = _Pair.of(camera, source, target, visible > 0)
+        for other in neighbours(frame, len(links)):
+            camera, visible = cameras.between(frame, other), links.weight(frame, other) > 0
+            if camera is not None and visible.sum() >= MIN_VALID:
+                pairs[other] = _Pair.of(camera, source, links.target(frame, other), visible)
         if not pairs:
             continue
         trust = epipolar_trust([pair.parallax_share(border) for pair in pairs.values()])
         gaps = [abs(other - frame) ** 0.5 for other in pairs]
-        planar = _median([pair.planar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
-        epipolar = _median([pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)])
+        planars = [pair.planar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)]
+        epipolars = [pair.epipolar / gap for pair, gap in zip(pairs.values(), gaps, strict=True)]
+        planar, epipolar = _median(planars), _median(epipolars)
         residual[frame] = combined(planar, epipolar, trust)
+        if agreement is not None:
+            each = (combined(*both, trust) for both in zip(planars, epipolars, strict=True))
+            agreement.add(frame, dict(zip(pairs, each, strict=True)), border)
         changes = [
             photometric_change(blurred(frame), blurred(other), source, pair.homography) for other, pair in pairs.items()
         ]
         change[frame] = quantile(changes, CHANGE_QUANTILE)
-    return Evidence(residual, change)
-
-
-def neighbours(frame: int, frames: int) -> list[int]:
-    """The other frames, of so many, that `frame` is compared with."""
-    first, last = max(0, frame - NEIGHBOURS), min(frames - 1, frame + NEIGHBOURS)
-    return [other for other in range(first, last + 1) if other != frame]
-
-
-@dataclass(frozen=True)
-class _Camera:
-    """Its motion from one frame to another; without epipolar geometry the homography decides alone."""
-
-    homography: Model
-    fundamental: Model | None
-
-    @staticmethod
-    def fit(
-        source: Floats,
-        target: Floats,
-        confidence: npt.NDArray[np.uint8],
-        border: npt.NDArray[np.bool_],
-        random: np.random.Generator,
-    ) -> _Camera | None:
-        """None where too few points are visible, or no homography is found."""
-        visible = confidence > 0
-        if visible.sum() < MIN_VALID:
-            return None
-        drawn = draw(np.where(border, 1.0, INTERIOR_WEIGHT) * (confidence / 255.0), random)
-        homography = fit_homography(source[drawn], target[drawn])
-        if homography is None:
-            return None
-        planar = transfer_distance(homography, source, target)
-        drawn = draw((visible & (border | (planar < HOMOGRAPHY_UNITS))).astype(float), random)
-        return _Camera(homography, fit_fundamental(source[drawn], target[drawn]))
-
-
-def inverse(camera: _Camera | None) -> _Camera | None:
-    """The camera's motion the other way; None where there is none."""
-    if camera is None:
-        return None
-    back = np.linalg.inv(camera.homography).astype(np.float64)
-    return _Camera(back, None if camera.fundamental is None else camera.fundamental.T)
+    return Evidence(residual, change, np.zeros_like(change))
 
 
 @dataclass(frozen=True)
@@ -187,67 +131,17 @@ class _Pair:
     epipolar: Floats
 
     @staticmethod
-    def of(camera: _Camera, source: Floats, target: Floats, visible: npt.NDArray[np.bool_]) -> _Pair:
+    def of(camera: Camera, source: Floats, target: Floats, visible: Mask) -> _Pair:
         """Of points that lie at `source` in one frame and at `target` in the other."""
         planar, fundamental = transfer_distance(camera.homography, source, target), camera.fundamental
         epipolar = planar / EPIPOLAR_SCALE if fundamental is None else sampson_distance(fundamental, source, target)
         return _Pair(camera.homography, np.where(visible, planar, np.nan), np.where(visible, epipolar, np.nan))
 
-    def parallax_share(self, border: npt.NDArray[np.bool_]) -> float:
+    def parallax_share(self, border: Mask) -> float:
         """Share of the visible points along the border that epipolar geometry explains and the homography does not."""
         visible = border & ~np.isnan(self.planar)
         only_epipolar = (self.planar > HOMOGRAPHY_UNITS) & (self.epipolar < EPIPOLAR_UNITS)
         return float((visible & only_epipolar).sum() / max(1, visible.sum()))
-
-
-def near_border(xy: Floats, height: int, width: int) -> npt.NDArray[np.bool_]:
-    """Which of `xy` [point, 2] lie in the band along the border of an image of `height` x `width`."""
-    band = BORDER * max(height, width)
-    x, y = xy.T
-    return (x < band) | (x > width - 1 - band) | (y < band) | (y > height - 1 - band)
-
-
-def draw(weight: npt.NDArray[np.float64], random: np.random.Generator) -> npt.NDArray[np.int64]:
-    """At most `SAMPLE` indices, without repetition, with probability proportional to `weight` [point].
-
-    By exponential clocks whose rates are the weights: the first to ring are drawn (Efraimidis and Spirakis 2006).
-    """
-    possible = np.flatnonzero(weight > 0)
-    if len(possible) <= SAMPLE:
-        return possible
-    rings = random.standard_exponential(len(possible)) / weight[possible]
-    return possible[np.argpartition(rings, SAMPLE)[:SAMPLE]]
-
-
-def fit_homography(source: Floats, target: Floats) -> Model | None:
-    """Robust homography of points [point, 2]; None where there is none."""
-    matrix, _ = cv2.findHomography(source, target, cv2.RANSAC, HOMOGRAPHY_UNITS)
-    return None if matrix is None or abs(np.linalg.det(matrix)) < SINGULAR else matrix.astype(np.float64)
-
-
-def fit_fundamental(source: Floats, target: Floats) -> Model | None:
-    """Robust fundamental matrix (MAGSAC++, Barath et al. 2020) of points [point, 2]; None where there is none."""
-    try:
-        matrix, _ = cv2.findFundamentalMat(
-            source.astype(np.float64), target.astype(np.float64), cv2.USAC_MAGSAC, EPIPOLAR_UNITS, 0.999, 500
-        )
-    except cv2.error:  # OpenCV's USAC fails so where no sample gives a model, as when nothing moves at all
-        return None
-    return matrix.astype(np.float64) if matrix is not None and matrix.shape == (3, 3) else None
-
-
-def transfer_distance(homography: Model, source: Floats, target: Floats) -> Floats:
-    """Distance of `target` to where the homography leads from `source`, [point]."""
-    x, y = (cv2.perspectiveTransform(source[None], homography)[0] - target).T
-    return np.sqrt(x * x + y * y)
-
-
-def sampson_distance(fundamental: Model, source: Floats, target: Floats) -> Floats:
-    """First-order distance of correspondences to epipolar geometry, [point] (Hartley and Zisserman 2004, 11.4.3)."""
-    first, second = cv2.convertPointsToHomogeneous(source)[:, 0], cv2.convertPointsToHomogeneous(target)[:, 0]
-    line, line_back = first @ fundamental.T, second @ fundamental
-    gradient = (line[:, :2] ** 2).sum(-1) + (line_back[:, :2] ** 2).sum(-1)
-    return (np.abs((second * line).sum(-1)) / np.sqrt(gradient + 1e-12)).astype(np.float32)
 
 
 def epipolar_trust(parallax_shares: Sequence[float]) -> float:

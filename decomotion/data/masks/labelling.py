@@ -2,24 +2,29 @@
 
 The evidence of a point is averaged along its links to the frames around. Labels are then the mean field of a random
 field over the points of each frame: a unary term from the evidence, and a pairwise term that prefers equal labels
-between neighbours of similar colour.
+between neighbours of similar colour. What moves in one part of the clip may stand in another: a second field hears what
+the first found at the same place of the thing in frames far away.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.data.masks.cameras import NEIGHBOURS
 from decomotion.data.masks.evidence import RESIDUAL_NOISE, Evidence
-from decomotion.data.pool import Positions
-from decomotion.data.sampling import bilinear
+from decomotion.data.masks.links import Links
 
 Floats = npt.NDArray[np.float32]
 
 SMOOTHED = 4
 """Evidence is averaged along links over frames up to this far away."""
+CARRIED = range(4, 29, 4)
+"""Labels are heard from frames so far away."""
+CARRIED_WEIGHT = 2.0
+"""Log-odds from the labels of those frames, where they agree."""
 RESIDUAL_UNITS = 1.0
 """Least threshold: residual per square root of the gap, in units, below which nothing counts as moving."""
 CHANGE_RANGE = (1.0, 3.0)
@@ -37,76 +42,63 @@ STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns to half of the eight neighbours."""
 
 
-class LinkReader:
-    """Looks up values of other frames where the points of one frame lie in them.
-
-    Args:
-        targets: [frame, frame, point, 2], pixels of the clip, as in the pool.
-        confidence: [frame, frame, point], as in the pool.
-        grid: rows and columns of the points of a frame.
-        height, width: of the clip in pixels.
-    """
-
-    def __init__(
-        self, targets: Positions, confidence: npt.NDArray[np.uint8], grid: tuple[int, int], height: int, width: int
-    ) -> None:
-        self._targets, self._confidence, self._grid = targets, confidence, grid
-        self._cells = np.array([grid[1] / width, grid[0] / height], np.float32)
-
-    def weight(self, frame: int, other: int) -> Floats:
-        """[point], 0 to 1."""
-        return self._confidence[frame, other] / np.float32(255)
-
-    def read(self, values: Floats, frame: int, other: int) -> Floats:
-        """`values` [point] of frame `other` where the points of `frame` lie in it, [point]."""
-        where = (self._targets[frame, other] + 0.5) * self._cells - 0.5
-        image = np.ascontiguousarray(values.reshape(self._grid), np.float32)
-        return bilinear(image, where)[..., 0]
-
-
-def moving_probability(evidence: Evidence, lab: Floats, links: LinkReader, grid: tuple[int, int]) -> Floats:
+def moving_probability(evidence: Evidence, lab: Floats, links: Links) -> Floats:
     """Probability that each point moves, [frame, point].
 
     Args:
         evidence: of all points.
         lab: [frame, point, 3], colours in a space where distances are perceptual.
         links: between the same points.
-        grid: rows and columns of the points of a frame.
     """
-    log_residual = along_links(np.log(evidence.residual + RESIDUAL_NOISE), links)
-    log_change = along_links(np.log(evidence.change + RESIDUAL_NOISE), links)
-    unary = log_odds(np.exp(log_residual), np.exp(log_change))
-    return mean_field(unary, lab, grid)
+    near = range(-SMOOTHED, SMOOTHED + 1)
+    log_residual = along_links(np.log(evidence.residual + RESIDUAL_NOISE), links, near)
+    log_change = along_links(np.log(evidence.change + RESIDUAL_NOISE), links, near)
+    own = log_odds(np.exp(log_residual), np.exp(log_change))
+    unary = (own + EVIDENCE_LIMIT * evidence.heard).astype(np.float32)
+    first = mean_field(unary, lab, links.grid)
+    far = [sign * gap for gap in CARRIED for sign in (1, -1)]
+    far_away = np.nan_to_num(along_links(2 * first - 1, links, far, doubt=1.0))
+    return mean_field((unary + CARRIED_WEIGHT * far_away).astype(np.float32), lab, links.grid)
 
 
-def along_links(values: Floats, links: LinkReader) -> Floats:
-    """Averages `values` [frame, point] along links, weighted by confidence; NaN says nothing."""
-    frames = len(values)
+def along_links(values: Floats, links: Links, gaps: Iterable[int], doubt: float = 0.0) -> Floats:
+    """Means of `values` [frame, point] of the frames so far away, along links and by confidence; NaN says nothing.
+
+    `doubt` counts as so many links to a 0.
+    """
+    frames, gaps = len(values), list(gaps)
     known = ~np.isnan(values)
-    filled = np.where(known, values, 0).astype(np.float32)
+    with_known = np.stack([np.where(known, values, 0), known], axis=-1).astype(np.float32)
     result = np.full(values.shape, np.nan, np.float32)
     for frame in range(frames):
-        total, weight = np.zeros_like(filled[0]), np.zeros_like(filled[0])
-        for other in range(max(0, frame - SMOOTHED), min(frames, frame + SMOOTHED + 1)):
-            share = links.weight(frame, other)
-            total += share * links.read(filled[other], frame, other)
-            weight += share * links.read(known[other].astype(np.float32), frame, other)
+        total = np.zeros_like(with_known[0])
+        for other in (frame + gap for gap in gaps if 0 <= frame + gap < frames):
+            total += links.weight(frame, other)[:, None] * links.read(with_known[other], frame, other)
+        value, weight = total.T
         seen = weight > 1e-3
-        result[frame, seen] = total[seen] / weight[seen]
+        result[frame, seen] = value[seen] / (weight[seen] + doubt)
     return result
 
 
 def log_odds(residual: Floats, change: Floats) -> Floats:
     """Log-odds of moving from the evidence alone, [frame, point]; 0 where there is none."""
     known = ~np.isnan(residual)
-    # sqrt: the noise of a residual grows with it
-    threshold = max(RESIDUAL_UNITS, otsu(np.sqrt(residual[known])) ** 2)
-    odds = np.zeros(residual.shape, np.float32)
-    odds[known] = np.clip(
-        EVIDENCE_GAIN * np.log((residual[known] + RESIDUAL_NOISE) / threshold), -EVIDENCE_LIMIT, EVIDENCE_LIMIT
-    )
+    ratio = (np.where(known, residual, 1) + RESIDUAL_NOISE) / thresholds(residual)[:, None]
+    odds = np.where(known, np.clip(EVIDENCE_GAIN * np.log(ratio), -EVIDENCE_LIMIT, EVIDENCE_LIMIT), 0)
     believed = np.interp(np.nan_to_num(change), CHANGE_RANGE, (0, 1))
     return np.where(odds > 0, odds * believed, odds).astype(np.float32)
+
+
+def thresholds(residual: Floats) -> Floats:
+    """What a residual [frame, point] must pass to speak for motion, [frame].
+
+    Otsu's threshold of the clip, or of the frames around where that is lower: what moves fast elsewhere says nothing
+    about what moves slowly here.
+    """
+    known = np.sqrt(residual)  # the noise of a residual grows with it
+    ranges = (slice(max(0, frame - NEIGHBOURS), frame + NEIGHBOURS + 1) for frame in range(len(residual)))
+    around = [otsu(known[some][~np.isnan(known[some])]) ** 2 for some in ranges]
+    return np.clip(around, RESIDUAL_UNITS, max(RESIDUAL_UNITS, otsu(known[~np.isnan(known)]) ** 2)).astype(np.float32)
 
 
 def otsu(values: Floats) -> float:
