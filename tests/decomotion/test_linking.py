@@ -224,12 +224,12 @@ def test_a_match_by_hand():
     assert asked == [(0, 1)]
     np.testing.assert_allclose(links.xy[0], [[50, 27.5], [170, 27.5], [50, -2.5]], atol=1e-4)
     assert links.occluded.tolist() == [[False, True, True]]  # to the right of the image, and above it
-    np.testing.assert_allclose(links.variance, 0.3, rtol=1e-5)
+    np.testing.assert_allclose(links.variance, 3.0, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("missed", "taken"), [(0.9, False), (1.1, True)])
+@pytest.mark.parametrize(("missed", "taken"), [(3.1, False), (3.2, True)])
 def test_a_match_is_taken_where_it_is_cheaper(missed: float, taken: bool):
-    """0.3 against 0.013 + 0.3 e^2: cheaper from a cycle error of 0.978 units on, both ends seen."""
+    """3 against 0.013 + 0.3 e^2: cheaper from a cycle error of 3.155 units on, both ends seen."""
     fields = {1: np.zeros((100, 160, 2), np.float32), -1: np.full((100, 160, 2), (missed * 0.625, 0), np.float32)}
     (links,) = link(
         np.full((2, 1, 2), 40, np.float32),
@@ -256,7 +256,7 @@ def test_a_match_that_is_not_trusted_is_hidden_too():
         1,
         Rematching(lambda *_: matched((0, 0.25), False), (1,)),
     )
-    # both are hidden: the cheaper one, 0.3 against 0.013 + 0.3 * (2 * 2^0.5 * 1.6)^2 = 6.16
+    # both are hidden: the cheaper one, 3 against 0.013 + 0.3 * (2 * 2^0.5 * 1.6)^2 = 6.16
     assert links.xy[0, 0].tolist() == [40, 46.25]
     assert links.occluded.all()
 

@@ -39,7 +39,7 @@ HOP_VARIANCE = 0.1**2
 """Squared error, in units^2, that every hop adds whatever its cycle error: prefers few hops to many."""
 GAP_VARIANCE = 0.003
 """Squared error, in units^2 per squared gap, that a hop adds as well: flow is less exact over longer gaps."""
-MATCH_VARIANCE = 0.3
+MATCH_VARIANCE = 3.0
 """Squared error, in units^2, that a hop by a match adds."""
 CYCLE_SHARE = 0.3
 """Share of a hop's squared cycle error that is counted as its own squared error."""
