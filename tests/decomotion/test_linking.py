@@ -235,7 +235,7 @@ def test_a_match_is_taken_where_it_is_cheaper(missed: float, taken: bool):
         np.full((2, 1, 2), 40, np.float32),
         lambda first, second: fields[second - first],
         (1,),
-        THRESHOLD,
+        5.0,
         9,
         1,
         Rematching(lambda *_: matched((0, 0.25)), (1,)),
