@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -29,9 +28,7 @@ class TableCodeConfig(Leaf):
 
     kind: Literal["table"]
     size: int = Field(ge=1)
-    """Length of a code, at least."""
-    per_frame: float = Field(0.0, ge=0)
-    """And so much for each frame of the clip: what moves in a long one is not a mixture of few motions."""
+    """Length of a code."""
     frequencies: int = Field(ge=0)
     """Octaves of the smooth functions of time that the codes start as."""
 
@@ -57,9 +54,7 @@ class GridConditionerConfig(Leaf):
     cells: tuple[Cells, ...] = Field(min_length=1)
     """Cells along the image's longer side, level by level; the finest last."""
     rank: int = Field(ge=1)
-    """Grids that are mixed into each frame's, at least."""
-    rank_per_frame: float = Field(0.0, ge=0)
-    """And so many for each frame of the clip."""
+    """Grids that are mixed into each frame's."""
     slope: float = Field(gt=0)
     """How much a level's log-scale or shift changes at most over a unit of length; approached smoothly."""
 
@@ -148,17 +143,3 @@ class ModelConfig(Leaf):
     feature_field: GaborFieldConfig | GridFieldConfig = Field(discriminator="kind")
     occlusion_scale: float = Field(gt=0)
     """Cycle error at which the occlusion score is 0.5, in pixels of a 256-pixel frame."""
-
-    def for_frames(self, frames: int) -> ModelConfig:
-        """What follows the length of the clip, as it is for so many frames."""
-        updates: dict[str, Any] = {}
-        if isinstance(self.frame_code, TableCodeConfig):
-            size = max(self.frame_code.size, math.ceil(self.frame_code.per_frame * frames))
-            updates["frame_code"] = self.frame_code.model_copy(update={"size": size})
-        for name in ("static", "dynamic"):
-            volume: VolumeConfig = getattr(self, name)
-            if isinstance(volume.conditioner, GridConditionerConfig):
-                rank = max(volume.conditioner.rank, math.ceil(volume.conditioner.rank_per_frame * frames))
-                conditioner = volume.conditioner.model_copy(update={"rank": rank})
-                updates[name] = volume.model_copy(update={"conditioner": conditioner})
-        return self.model_copy(update=updates)

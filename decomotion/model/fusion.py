@@ -128,9 +128,9 @@ class DecoMotion(nn.Module):
         feature_size: int,
     ) -> None:
         super().__init__()
-        self.num_frames = len(starts[0])
-        self.config = config = config.for_frames(self.num_frames)
+        self.config = config
         self.plane = plane
+        self.num_frames = len(starts[0])
         self.feature_size = feature_size
         self.frame_code = build_frame_code(config.frame_code, self.num_frames)
         extents = [canonical_extent(start, plane) for start in starts]

@@ -5,13 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from decomotion.config import load
-from decomotion.geometry import ImagePlane
 from decomotion.model import frame_code
-from decomotion.model.config import GridConditionerConfig, TableCodeConfig, TimeCodeConfig
+from decomotion.model.config import TableCodeConfig, TimeCodeConfig
 from decomotion.model.frame_code import build_frame_code
-from decomotion.model.fusion import DecoMotion
-from tiny_fit import TINY_CPU
 
 TIME = TimeCodeConfig(kind="time", size=6, hidden=16, frequencies=3)
 TABLE = TableCodeConfig(kind="table", size=6, frequencies=3)
@@ -67,32 +63,3 @@ def test_learned_codes_begin_of_about_unit_size(frequencies: int):
     # of each frequency a sine and a cosine, whose squares sum to 1, and time itself: over half of how many there are
     expected = (frequencies + time**2) / (frequencies + 0.5)
     torch.testing.assert_close(codes.square().mean(1), expected, atol=0, rtol=0.1)
-
-
-@pytest.mark.parametrize(("frames", "size", "rank"), [(5, 32, 24), (40, 40, 24), (90, 90, 45)])
-def test_codes_and_grids_grow_with_the_clip(frames: int, size: int, rank: int):
-    """A code of a number for each frame and a grid for each second one, of 32 and 24 at least."""
-    overrides = ["model.frame_code.size=32", "model.frame_code.per_frame=1"]
-    for volume in ("static", "dynamic"):
-        overrides += [f"model.{volume}.conditioner.rank=24", f"model.{volume}.conditioner.rank_per_frame=0.5"]
-    model = load("cpu", overrides=tuple(overrides)).model.for_frames(frames)
-    assert model.frame_code.size == size
-    for volume in (model.static, model.dynamic):
-        assert isinstance(volume.conditioner, GridConditionerConfig)
-        assert volume.conditioner.rank == rank
-    assert model.for_frames(1) == model  # what it is made of has been decided
-
-
-def test_a_model_is_of_the_size_that_its_clip_asks_for():
-    grids = "model.dynamic.conditioner={kind: grid, cells: [2, 4], rank: 3, rank_per_frame: 0.5, slope: 0.5}"
-    overrides = (*TINY_CPU, "model.frame_code.per_frame=1", grids)
-    starts = torch.eye(3, 4).repeat(101, 1, 1)
-    model = DecoMotion(load("cpu", overrides=overrides).model, ImagePlane(24, 36), (starts, starts), 0)
-    assert model.frame_code().shape == (101, 101)
-    assert len(model.dynamic.couplings[0].conditioner.basis[0]) == 51
-    assert len(model.static.couplings[0].conditioner.basis[0]) == 3
-
-
-def test_networks_keep_their_sizes():
-    paper = load("paper").model
-    assert paper.for_frames(500) == paper
