@@ -77,7 +77,7 @@ def test_a_sheet_of_pictures(frames: Path, masks: str):
 
 
 def test_options_that_the_commands_share_are_the_same():
-    own = {"clip", "preview", "rebuild_cache", "device"}
+    own = {"clip", "preview", "rebuild_cache", "device", "version"}
     shared = {option.name for option in command.params} - own
     assert shared <= {option.name for option in train.params}
     assert len(shared) == 15
