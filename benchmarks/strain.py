@@ -24,7 +24,6 @@ import click
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import LinearNDInterpolator
 
 from decomo_eval.baselines import FINE, Fields, linked
 from decomo_runtime import ModelFacts, Tracker, Tracks, measure_region
@@ -105,9 +104,8 @@ def main(
             "chained-dis": (GivenTracker(tracker.facts, _chained(pictures)), None),
         }
         if correlation is not None:
-            for mode in ("accumulative", "incremental"):
-                places = _correlated(correlation, pictures, mode, work / f"{deformation.name}-{mode}.npz")
-                methods[f"al-dic-{mode}"] = (GivenTracker(tracker.facts, places), None)
+            places = _correlated(correlation, pictures, work / f"{deformation.name}-correlation.npz")
+            methods["al-dic"] = (GivenTracker(tracker.facts, places), None)
         found = {}
         for name, (each, refined_on) in methods.items():
             begin = time.process_time()
@@ -163,11 +161,14 @@ def _chained(pictures: npt.NDArray[np.uint8]) -> Any:
     return places
 
 
-def _correlated(python: Path, pictures: npt.NDArray[np.uint8], mode: str, out: Path) -> Any:
+def _correlated(python: Path, pictures: npt.NDArray[np.uint8], out: Path) -> Any:
     if not out.is_file():
         greys = out.with_suffix(".npy")
         np.save(greys, np.stack([cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pictures]))
-        subprocess.run([str(python), correlation_file, str(greys), str(out), mode], check=True, env={})
+        one_thread = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+        subprocess.run([str(python), correlation_file, str(greys), str(out)], check=True, env=one_thread)
+    from scipy.interpolate import LinearNDInterpolator
+
     with np.load(out) as file:
         nodes, moved = file["nodes"], file["moved"]
     between = LinearNDInterpolator(nodes, moved.transpose(1, 0, 2))
@@ -176,7 +177,7 @@ def _correlated(python: Path, pictures: npt.NDArray[np.uint8], mode: str, out: P
 
 def _errors(clip: Deformed, tracker: Any, refined_on: npt.NDArray[np.uint8] | None) -> Record:
     """By the side of the squares: errors by magnitude."""
-    margin = max(SIDES) / 2 + 8
+    margin = max(SIDES) / 2 + 12
     x, y = (np.linspace(margin, side - 1 - margin, SQUARES_ALONG) for side in (clip.width, clip.height))
     middles = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     numbers = np.arange(1, clip.num_frames)

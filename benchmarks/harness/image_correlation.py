@@ -1,9 +1,9 @@
 """Run by the Python of an environment with `al-dic` (PyPI), which has versions of its own of what we need too.
 
-    PYTHON image_correlation.py FRAMES.npy OUT.npz MODE
+    PYTHON image_correlation.py FRAMES.npy OUT.npz
 
-Frames are uint8 [T, H, W], the first is the reference; MODE is `accumulative` or `incremental`. OUT holds `nodes`
-[N, 2], (x, y) in pixels of frame 0, and `moved` [T, N, 2].
+Frames are uint8 [T, H, W]; each is compared with the first. OUT holds `nodes` [N, 2], (x, y) in pixels of frame 0, and
+`moved` [T, N, 2].
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 import numpy as np
 
 
-def main(frames_file: str, out: str, mode: str) -> None:
+def main(frames_file: str, out: str) -> None:
     """As above."""
     from al_dic.core.config import dicpara_default
     from al_dic.core.data_structures import GridxyROIRange
@@ -24,7 +24,8 @@ def main(frames_file: str, out: str, mode: str) -> None:
     para = dicpara_default(
         winsize=20,
         winstepsize=4,
-        reference_mode=mode,
+        winsize_min=4,
+        reference_mode="accumulative",
         img_size=(height, width),
         gridxy_roi_range=GridxyROIRange(gridx=(0, width - 1), gridy=(0, height - 1)),
         show_plots=False,

@@ -115,7 +115,7 @@ class Painter:
         """The picture, RGB of any size that covers the clip's frame, with the tracks at their frame `column` on it."""
         if picture.shape[1::-1] != self._canvas:
             picture = cv2.resize(picture, self._canvas, interpolation=cv2.INTER_CUBIC).astype(np.uint8, copy=False)
-        canvas = muted(evened(picture))
+        canvas = _muted(evened(picture))
         pen = _pen_for(len(self._inks), canvas)
         layer = np.zeros((*canvas.shape[:2], 4), np.uint8)
         past = slice(max(0, column - self._trail), column + 1)
@@ -158,8 +158,7 @@ def contact_sheet(frames: Sequence[Image], *, gap: int = 8) -> Image:
     return np.concatenate(strips[1:], axis=1)
 
 
-def muted(frame: Image) -> Image:
-    """RGB, paler and darker, so that what is drawn stands out."""
+def _muted(frame: Image) -> Image:
     grey = cv2.cvtColor(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
     muted = cv2.addWeighted(frame, _LIGHT_KEPT * _COLOUR_KEPT, grey, _LIGHT_KEPT * (1 - _COLOUR_KEPT), 0)
     return muted.astype(np.uint8, copy=False)

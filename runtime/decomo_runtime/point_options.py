@@ -137,7 +137,7 @@ def point_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def _wanted_queries(option: str, value: Any, spacing: float | None, model: ModelFacts) -> np.ndarray:
     """[N, 3] rows of (t, x, y), given by the value of one option."""
     from decomo_runtime.queries import grid_queries, parse_grid, parse_points, read_queries
-    from decomo_runtime.regions import REGIONS, region_queries
+    from decomo_runtime.regions import queries_in
 
     if option == "--queries":
         return read_queries(value)
@@ -145,8 +145,7 @@ def _wanted_queries(option: str, value: Any, spacing: float | None, model: Model
         return grid_queries(*parse_grid(value), model.height, model.width)
     if option == "--point":
         return parse_points(value)
-    region = REGIONS[option](value, model)
-    return region_queries(region.mask, region.frame, spacing)
+    return queries_in(option, value, spacing, model)
 
 
 def _keypoints(text: str, clip_path: Path | None) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -93,21 +93,9 @@ REGIONS: dict[str, Callable[[str, ModelFacts], Region]] = {
 """By their options."""
 
 
-def mask_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """Points in a `mask_region`, [N, 3] rows of (t, x, y); `spacing` is that of `region_queries`."""
-    region = mask_region(text, model)
-    return region_queries(region.mask, region.frame, spacing)
-
-
-def polygon_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """Points in a `polygon_region`, likewise."""
-    region = polygon_region(text, model)
-    return region_queries(region.mask, region.frame, spacing)
-
-
-def box_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """Points in a `box_region`, likewise."""
-    region = box_region(text, model)
+def queries_in(option: str, text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
+    """[N, 3] rows of (t, x, y): points in the region that one of `REGIONS` says, as `region_queries`."""
+    region = REGIONS[option](text, model)
     return region_queries(region.mask, region.frame, spacing)
 
 

@@ -152,7 +152,7 @@ def measure(
         told = _write_maps(tracker, raster, frames, pixels, settings, out, format or FORMATS[0], clip, shown)
     else:
         told = _write_motion(tracker, asked, clip_path, reference, frames, pixels, settings, out, clip, shown)
-    click.echo(f"{told} of {tracker.clip_name}, lengths in {settings.scale.unit}")
+    click.echo(f"{tracker.clip_name}: {told}; lengths in {settings.scale.unit}")
     for path in (out, overlay):
         if path is not None:
             click.echo(f"wrote {path}")

@@ -1,4 +1,4 @@
-"""Measured values as colours on the clip, with a bar for the colours and one for lengths below the picture.
+"""Measured values as colours on the clip in grey, with a bar for the colours and one for lengths below the picture.
 
 Values of both signs run from blue through white to red, the others along viridis. What is hidden has no colour: hidden
 points are rings, hidden parts of a map show the clip.
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.measure.units import Scale
-from decomo_runtime.overlay import LONG_SIDE, muted
+from decomo_runtime.overlay import LONG_SIDE
 from decomo_runtime.pictures import evened
 
 Image = npt.NDArray[np.uint8]
@@ -124,7 +124,8 @@ class Chart:
     def _begun(self, picture: Image) -> Image:
         if picture.shape[1::-1] != self._canvas:
             picture = np.asarray(cv2.resize(picture, self._canvas, interpolation=cv2.INTER_CUBIC), np.uint8)
-        return muted(picture)
+        grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
 
     def _finished(self, canvas: Image) -> Image:
         return evened(np.concatenate([canvas, self._footer]))

@@ -36,12 +36,11 @@ class PointMotion:
     def measured(self) -> Measured:
         """Arrays [N, M] by name."""
         unit, shape = self.settings.scale.unit, self.hidden.shape
-        point, column = np.indices(shape)
         own = self.tracks.queries[:, :1].astype(np.int64) if self.reference is None else np.int64(self.reference)
         keys = (
-            Quantity("point", NONE, point),
-            Quantity("frame", NONE, self.tracks.frames[column]),
-            Quantity("time", "s", self.times[column]),
+            Quantity("point", NONE, np.broadcast_to(np.arange(shape[0])[:, None], shape)),
+            Quantity("frame", NONE, np.broadcast_to(self.tracks.frames, shape)),
+            Quantity("time", "s", np.broadcast_to(self.times, shape)),
         )
         quantities = [
             Quantity("reference", NONE, np.broadcast_to(own, shape)),

@@ -84,8 +84,8 @@ def derivatives(places: Floats, times: Floats, hidden: npt.NDArray[np.bool_], sm
         rows = np.flatnonzero(used[:, column] > order)
         if len(rows) == 0:
             continue
-        design = powers * weights[rows][:, :, None]
-        solve = np.linalg.pinv(design)  # [n, order + 1, window]
+        patterns, which = np.unique(weights[rows], axis=0, return_inverse=True)
+        solve = np.linalg.pinv(powers * patterns[:, :, None])[which.reshape(-1)]  # [n, order + 1, window]
         series = np.where(weights[rows][:, :, None], places[rows, part] - places[rows, column, None], 0)
         coefficients = solve @ np.nan_to_num(series)
         velocity[rows, column] = coefficients[:, 1] / unit

@@ -60,4 +60,4 @@ def recorded_times(times: npt.NDArray[np.float64], clip_fps: float, fps: float |
             "the clip's frames are not equally far apart in time, so that no one rate says when they were recorded; "
             "leave out --fps, and the clip's own times count"
         )
-    return steady_times(len(times), fps)
+    return steady_times(len(times), float(fps))
