@@ -9,7 +9,7 @@ in the same way, so that only displacements differ. `chained-dis` is DIS flow, f
 
 Errors are root mean squares over squares and frames, of the components of the Green-Lagrange tensor at the square's
 middle, and of rotations in degrees; magnitudes are of the greatest true principal strain there, and of the true
-rotation. What of a square leaves the frame by truth is not counted.
+rotation. Squares are not counted in frames where they come near to the border.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ _PATH = click.Path(path_type=Path)
 SIDES = (8, 16, 32, 64)
 """Pixels, of the squares."""
 SPACING = 4
+RIM = 12
+"""Pixels along the frame's borders, of which no square counts that comes there: a correlation's subset is as wide."""
 SQUARES_ALONG = 4
 STRAINS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 ROTATIONS = (0.0, 1.0, 3.0, 10.0, 30.0)
@@ -177,7 +179,7 @@ def _correlated(python: Path, pictures: npt.NDArray[np.uint8], out: Path) -> Any
 
 def _errors(clip: Deformed, tracker: Any, refined_on: npt.NDArray[np.uint8] | None) -> Record:
     """By the side of the squares: errors by magnitude."""
-    margin = max(SIDES) / 2 + 12
+    margin = max(SIDES) / 2 + RIM
     x, y = (np.linspace(margin, side - 1 - margin, SQUARES_ALONG) for side in (clip.width, clip.height))
     middles = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     numbers = np.arange(1, clip.num_frames)
@@ -192,7 +194,7 @@ def _errors(clip: Deformed, tracker: Any, refined_on: npt.NDArray[np.uint8] | No
             region = measure_region(tracker, queries, frames=numbers, reference=0, clip=refined_on)
             for index, frame in enumerate(numbers.tolist()):
                 ends = clip.follow(middle + corner * side, frame)
-                if ((ends < 0) | (ends > np.array([clip.width, clip.height]) - 1)).any():
+                if ((ends < RIM) | (ends > np.array([clip.width, clip.height]) - 1 - RIM)).any():
                     continue
                 truth = strain_of(clip.gradient(middle, frame))
                 error = region.strain.green_lagrange[index] - truth.green_lagrange

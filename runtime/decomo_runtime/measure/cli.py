@@ -300,7 +300,9 @@ def _colours(measured: Any, show: str | None, limit: float | None, usual: str) -
     from decomo_runtime.measure.picture import Colours, limit_of
 
     all_of_it = measured if isinstance(measured, list) else [measured]
-    names = [each.name for each in all_of_it[0].quantities if each.values.dtype.kind == "f"]
+    places = ("x", "y")
+    kinds = [each for each in all_of_it[0].quantities if each.values.dtype.kind == "f" and each.name not in places]
+    names = [each.name for each in kinds]
     name = show or usual
     if name not in names:
         raise MeasureError(f"--show {name} is nothing that is measured here; choose from {', '.join(names)}")
