@@ -5,7 +5,7 @@
 Each clip of `harness/deformations.py` is drawn, and a model fitted to it in few steps; what exists in `--work` is not
 made again. Squares of several sizes are measured by `measure_region` in every frame against frame 0, of every tracker
 in the same way, so that only displacements differ. `chained-dis` is DIS flow, frame by frame, accumulated;
-`--correlation` is the Python of an environment with PyPI's `al-dic`, whose displacements are taken at its own nodes.
+`--correlation` is the Python of an environment with PyPI's `al-dic`, in both of its modes.
 
 Errors are root mean squares over squares and frames, of the components of the Green-Lagrange tensor at the square's
 middle, and of rotations in degrees; magnitudes are of the greatest true principal strain there, and of the true
@@ -106,8 +106,9 @@ def main(
             "chained-dis": (GivenTracker(tracker.facts, _chained(pictures)), None),
         }
         if correlation is not None:
-            places = _correlated(correlation, pictures, work / f"{deformation.name}-correlation.npz")
-            methods["al-dic"] = (GivenTracker(tracker.facts, places), None)
+            for mode in ("accumulative", "incremental"):
+                places = _correlated(correlation, pictures, mode, work / f"{deformation.name}-{mode}.npz")
+                methods[f"al-dic-{mode}"] = (GivenTracker(tracker.facts, places), None)
         found = {}
         for name, (each, refined_on) in methods.items():
             begin = time.process_time()
@@ -163,12 +164,12 @@ def _chained(pictures: npt.NDArray[np.uint8]) -> Any:
     return places
 
 
-def _correlated(python: Path, pictures: npt.NDArray[np.uint8], out: Path) -> Any:
+def _correlated(python: Path, pictures: npt.NDArray[np.uint8], mode: str, out: Path) -> Any:
     if not out.is_file():
         greys = out.with_suffix(".npy")
         np.save(greys, np.stack([cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in pictures]))
         one_thread = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-        subprocess.run([str(python), correlation_file, str(greys), str(out)], check=True, env=one_thread)
+        subprocess.run([str(python), correlation_file, str(greys), str(out), mode], check=True, env=one_thread)
     from scipy.interpolate import LinearNDInterpolator
 
     with np.load(out) as file:

@@ -1,8 +1,9 @@
 """Run by the Python of an environment with `al-dic` (PyPI), which has versions of its own of what we need too.
 
-    PYTHON image_correlation.py FRAMES.npy OUT.npz
+    PYTHON image_correlation.py FRAMES.npy OUT.npz MODE
 
-Frames are uint8 [T, H, W]; each is compared with the first. OUT holds `nodes` [N, 2], (x, y) in pixels of frame 0, and
+Frames are uint8 [T, H, W]; MODE says whether each is compared with the first (`accumulative`) or with the one before
+(`incremental`). OUT holds `nodes` [N, 2], (x, y) in pixels of frame 0, and
 `moved` [T, N, 2].
 """
 
@@ -13,11 +14,11 @@ import sys
 import numpy as np
 
 
-def main(frames_file: str, out: str) -> None:
+def main(frames_file: str, out: str, mode: str) -> None:
     """As above."""
-    from al_dic.core.config import dicpara_default
-    from al_dic.core.data_structures import GridxyROIRange
-    from al_dic.core.pipeline import run_aldic
+    from al_dic.core.config import dicpara_default  # pyright: ignore[reportMissingImports]
+    from al_dic.core.data_structures import GridxyROIRange  # pyright: ignore[reportMissingImports]
+    from al_dic.core.pipeline import run_aldic  # pyright: ignore[reportMissingImports]
 
     frames = np.load(frames_file)
     _, height, width = frames.shape
@@ -25,7 +26,7 @@ def main(frames_file: str, out: str) -> None:
         winsize=20,
         winstepsize=4,
         winsize_min=4,
-        reference_mode="accumulative",
+        reference_mode=mode,
         img_size=(height, width),
         gridxy_roi_range=GridxyROIRange(gridx=(0, width - 1), gridy=(0, height - 1)),
         show_plots=False,

@@ -1,7 +1,8 @@
 """Maps of displacement and strain: for each node of a raster over the frame of reference, of the gauge around it.
 
 What a moving object owns and what the static scene owns are measured apart, so that no gauge reaches across the rim of
-an object. A node in sight is measured by nodes in sight alone; a hidden one by all around it, and is marked.
+an object. A node in sight is measured by nodes in sight alone; a hidden one by all around it, and is marked. Where
+the nodes of a gauge are so far from any plane that it must be torn, as where one leg passes another, there is no strain.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ Mask = npt.NDArray[np.bool_]
 
 GAUGE = 32.0
 """Pixels, of the side of the square that a strain is of."""
+TORN = 0.1
+"""Share of a gauge's side that the residual of one surface stays within."""
 BLOCK = 16
 """Frames that are asked for at once."""
 
@@ -188,6 +191,7 @@ def _map_of(
             if at.any():
                 found = gradients_of_raster(displacement, raster.step * lengths, raster.radius, known & own & counted)
                 deformation[at], residual[at] = found.deformation[at], found.residual[at]
+    deformation[residual > TORN * (raster.gauge * lengths).min()] = np.nan
     return StrainMap(
         raster, frame, time, xy, displacement, deformation, strain_of(deformation), residual, hidden, settings
     )

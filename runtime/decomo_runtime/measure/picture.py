@@ -29,13 +29,8 @@ SHARE = 98
 OPACITY = 0.7
 _SHIFT = 4
 _FAR = 8192
-_COLD_TO_WARM = (
-    (0.0, (33, 102, 172)),
-    (0.25, (146, 197, 222)),
-    (0.5, (247, 247, 247)),
-    (0.75, (244, 165, 130)),
-    (1.0, (178, 24, 43)),
-)
+_COLD_TO_WARM = np.array([(33, 102, 172), (146, 197, 222), (247, 247, 247), (244, 165, 130), (178, 24, 43)], np.float64)
+"""RGB, from the lowest value to the highest, equally far apart."""
 _LENGTH_SHARE = 0.2
 """Of the picture's width that the bar of lengths may have."""
 
@@ -70,8 +65,8 @@ class Colours:
             return np.asarray(
                 cv2.cvtColor(cv2.applyColorMap(ramp, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)[0], np.uint8
             )
-        stops, inks = zip(*_COLD_TO_WARM, strict=True)
-        channels = [np.interp(ramp[0] / 255, stops, each) for each in zip(*inks, strict=True)]
+        stops = np.linspace(0, 255, len(_COLD_TO_WARM))
+        channels = [np.interp(ramp[0], stops, each) for each in _COLD_TO_WARM.T]
         return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 

@@ -173,6 +173,21 @@ def test_gauges_do_not_reach_across_an_object_s_rim():
     np.testing.assert_allclose(found.strain.green_lagrange, 0, atol=1e-5)
 
 
+def test_what_is_torn_has_no_strain():
+    """Both halves are the scene's; only gauges that reach across x = 40 are torn."""
+
+    def torn(places: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        return places + np.where(places[..., :1] > 40, 12.0, 0.0)
+
+    tracker = DeformingTracker(torn)
+    raster = raster_over(tracker, 0, spacing=4, gauge=16)
+    (found,) = measure_maps(tracker, raster, frames=[6])
+    across = np.abs(raster.queries[..., 1] - 40) < 8
+    assert np.isnan(found.strain.principal[across]).all()
+    assert (found.residual[across] > 1).all()
+    np.testing.assert_allclose(found.strain.green_lagrange[~across], 0, atol=1e-5)
+
+
 def test_hidden_nodes_are_marked_and_touch_no_others():
     there, _ = affine(MATRIX)
     tracker = DeformingTracker(there, hidden=lambda places, frames: (frames > 0) & (places[..., 0] < 41))
