@@ -2,7 +2,7 @@
 
 What a moving object owns and what the static scene owns are measured apart, so that no gauge reaches across the rim of
 an object. A node in sight is measured by nodes in sight alone; a hidden one by all around it, and is marked. Where
-the nodes of a gauge are so far from any plane that it must be torn, as where one leg passes another, there is no strain.
+the nodes of a gauge are so far from any plane that it must be torn, as where a leg passes another, there is no strain.
 """
 
 from __future__ import annotations

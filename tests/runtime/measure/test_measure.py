@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from decomo_runtime import (
     QueryError,
     Scale,
     Smoothing,
+    Tracks,
     measure_maps,
     measure_points,
     measure_region,
@@ -216,6 +218,26 @@ def test_a_map_within_a_region_is_of_it_alone():
     assert np.isfinite(found.deformation[raster.inside]).all()
     np.testing.assert_allclose(found.strain.green_lagrange[raster.inside], 0, atol=1e-6)
     assert np.isnan(found.deformation[~raster.inside]).all()
+
+
+def test_a_clip_refines_points_regions_and_maps(monkeypatch: pytest.MonkeyPatch):
+    """Refining is tested with it; here it moves all points of frame 5 by a pixel."""
+    video = np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+
+    def moved(_: object, tracks: Tracks, frames: np.ndarray) -> Tracks:
+        assert frames is video
+        return replace(tracks, xy=tracks.xy + np.where(tracks.frames == 5, 1, 0)[None, :, None])
+
+    monkeypatch.setattr("decomo_runtime.measure.following.refine", moved)
+    tracker = DeformingTracker(*affine(np.eye(2)))
+    raster = raster_over(tracker, 0)
+    (mapped,) = measure_maps(tracker, raster, frames=[5], clip=video)
+    found = [
+        measure_points(tracker, [(0, 30, 20)], clip=video).displacement[0, 5],
+        measure_region(tracker, region(), clip=video).displacement[5],
+        mapped.displacement[2, 3],
+    ]
+    np.testing.assert_allclose(found, 1, atol=1e-5)
 
 
 def test_frames_in_blocks_are_all_there(monkeypatch: pytest.MonkeyPatch):
