@@ -184,7 +184,7 @@ def _map_of(
     displacement = (xy - raster.queries[..., 1:]) * lengths
     deformation = np.full((*hidden.shape, 2, 2), np.nan)
     residual = np.full(hidden.shape, np.nan)
-    known = raster.inside & np.isfinite(xy).all(-1)
+    known = np.isfinite(xy).all(-1)
     for own in (raster.on_object, ~raster.on_object):
         for wanted, counted in ((~hidden, ~hidden), (hidden, np.ones_like(hidden))):
             at = known & own & wanted

@@ -137,6 +137,9 @@ def test_a_map_of_a_region(model: Path, tmp_path: Path):
         inside = np.isfinite(file["x"])
         x, y = (np.floor(file[name] + 0.5) for name in ("reference_x", "reference_y"))  # the pixels that nodes lie in
     np.testing.assert_array_equal(inside, (np.abs(x - 25) <= 15) & (np.abs(y - 20) <= 10))
+    lines = tmp_path / "lines"
+    assert main([str(model), "--map", *region, "--frames", "3:4", "--format", "csv", "--out", str(lines)]) == 0
+    assert len(table(lines / "00003.csv")[1]) == inside.sum()
 
 
 @pytest.mark.parametrize(
