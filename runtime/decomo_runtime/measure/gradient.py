@@ -17,6 +17,8 @@ Mask = npt.NDArray[np.bool_]
 
 LEAST_SHARE = 0.3
 """Of a gauge's points, to be counted: at a rim the rest belong to something else."""
+TORN = 0.1
+"""Share of a neighbourhood's side that the residual of one surface stays within: beyond it no plane tells of strain."""
 _LEAST_POINTS = 4
 _ROUND = 1e-3
 """Least spread of the points along their narrow side over that along their long one."""

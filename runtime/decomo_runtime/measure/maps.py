@@ -24,7 +24,7 @@ from decomo_runtime.measure.following import (
     in_blocks,
     wanted_frames,
 )
-from decomo_runtime.measure.gradient import gradients_of_raster
+from decomo_runtime.measure.gradient import TORN, gradients_of_raster
 from decomo_runtime.measure.points import described
 from decomo_runtime.measure.quantities import NONE, Measured, Quantity, plane, strains
 from decomo_runtime.measure.strain import Strain, strain_of
@@ -36,8 +36,6 @@ Mask = npt.NDArray[np.bool_]
 
 GAUGE = 32.0
 """Pixels, of the side of the square that a strain is of."""
-TORN = 0.1
-"""Share of a gauge's side that the residual of one surface stays within."""
 BLOCK = 16
 """Frames that are asked for at once."""
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import MeasureError
 from decomo_runtime.measure.following import AnyTracker, MeasureSettings, follow_points, wanted_frames
-from decomo_runtime.measure.gradient import LEAST_SHARE, gradients_of_points
+from decomo_runtime.measure.gradient import LEAST_SHARE, TORN, gradients_of_points
 from decomo_runtime.measure.points import described, rates
 from decomo_runtime.measure.quantities import NONE, Measured, Quantity, plane, strains
 from decomo_runtime.measure.smoothing import Derivatives, derivatives
@@ -35,7 +35,7 @@ class RegionMotion:
     rates: Derivatives
     """[1, M], of its middle."""
     deformation: Floats
-    """[M, 2, 2], the deformation gradient."""
+    """[M, 2, 2], the deformation gradient; nan where the region is torn."""
     strain: Strain
     """[M]"""
     residual: Floats
@@ -99,6 +99,8 @@ def measure_region(
             f"the region has {len(start)} point{'s' * (len(start) != 1)}, of which a strain needs at least 4 that do "
             "not lie on a line; give a smaller --spacing, or a larger region"
         )
+    torn = found.residual > TORN * np.ptp(start, axis=0).min()
+    deformation = np.where(torn[:, None, None], np.nan, found.deformation)
     moved = found.moved[None]
     rates_found = derivatives(moved, times, hidden[None], settings.smoothing)
     middle = followed.reference.mean(0) + found.moved / lengths
@@ -108,8 +110,8 @@ def measure_region(
         middle,
         found.moved,
         rates_found,
-        found.deformation,
-        strain_of(found.deformation),
+        deformation,
+        strain_of(deformation),
         found.residual,
         share,
         hidden,

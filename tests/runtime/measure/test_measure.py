@@ -184,6 +184,10 @@ def test_what_is_torn_has_no_strain():
     tracker = DeformingTracker(torn)
     raster = raster_over(tracker, 0, spacing=4, gauge=16)
     (found,) = measure_maps(tracker, raster, frames=[6])
+    torn_region = measure_region(tracker, region())
+    assert np.isnan(torn_region.deformation).all()
+    assert (torn_region.residual > 3).all()
+    assert np.isfinite(torn_region.displacement).all()
     across = np.abs(raster.queries[..., 1] - 40) < 8
     assert np.isnan(found.strain.principal[across]).all()
     assert (found.residual[across] > 1).all()
