@@ -115,8 +115,12 @@ def measure(
         if format is not None or gauge is not None:
             raise MeasureError("--format and --gauge go with --map; a file's ending is its format, a region its gauge")
         check_output("--out", out, tuple(TABLES))
-    if (overlay is not None or refine) != (clip_path is not None) and not asked.points_from:
-        raise OverlayError("--clip goes with --overlay or --refine: the frames to draw on, or to find points in")
+    drawn_or_refined = overlay is not None or refine
+    if drawn_or_refined if clip_path is None else not (drawn_or_refined or asked.points_from):
+        raise OverlayError(
+            "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
+            "keypoints name"
+        )
     if overlay is None and (show is not None or limit is not None):
         raise OverlayError("--show and --limit say how an --overlay is drawn; give one, or leave them out")
     if limit is not None and not 0 < limit < np.inf:

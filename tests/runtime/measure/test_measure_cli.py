@@ -203,8 +203,9 @@ POINT = ["--point", "0,10,10"]
         (["--map", "--on", "static"], "leave out --on"),
         ([*POINT, "--format", "exr"], "--format and --gauge go with --map"),
         ([*POINT, "--show", "speed"], "--show and --limit say how an --overlay is drawn"),
-        ([*POINT, "--clip", "slide"], "--clip goes with --overlay or --refine"),
-        ([*POINT, "--refine"], "--clip goes with --overlay or --refine"),
+        ([*POINT, "--clip", "slide"], "--clip goes with --overlay, --refine or --points-from"),
+        ([*POINT, "--refine"], "--clip goes with --overlay, --refine or --points-from"),
+        (["--points-from", "k.csv", "--refine"], "--clip goes with --overlay, --refine or --points-from"),
         (["--box", "50,2,9,9@0"], "lies outside of the frame"),
         (["--box", "1,2,9,9@8"], "the frame must be within 0 .. 7"),
         (
@@ -227,6 +228,14 @@ def test_bad_arguments(
     assert sentence in printed.err
     assert printed.err.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model.onnx"]
+
+
+def test_openexr_may_be_missing(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("decomo_runtime.measure.files.find_spec", lambda _: None)
+    assert main([str(model), "--map", "--format", "exr", "--out", str(tmp_path / "maps")]) == 2
+    assert "run: pip install 'decomotion[exr]', or take --format npz" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["x", "occluded", "colour"])
