@@ -1,6 +1,7 @@
 """Errors of strain on deformations known in closed form: the model, the model refined, chained flow, correlation.
 
-    python benchmarks/strain.py --work runs/strain --out benchmarks/results/strain --correlation dic/bin/python
+    python benchmarks/strain.py run --work runs/strain --out benchmarks/results/strain --correlation dic/bin/python
+    python benchmarks/strain.py table benchmarks/results/strain
 
 Each clip of `harness/deformations.py` is drawn, and a model fitted to it in few steps; what exists in `--work` is not
 made again. Squares of several sizes are measured by `measure_region` in every frame against frame 0, of every tracker
@@ -14,6 +15,7 @@ rotation. Squares are not counted in frames where they come near to the border.
 
 from __future__ import annotations
 
+import json
 import subprocess
 import time
 from dataclasses import dataclass
@@ -70,7 +72,12 @@ class GivenTracker:
         return np.zeros(len(np.asarray(queries)), bool)
 
 
-@click.command(context_settings={"show_default": True})
+@click.group()
+def main() -> None:
+    """Measure strain on deformations known in closed form."""
+
+
+@main.command(context_settings={"show_default": True})
 @click.option("--frames", default=24, help="Of each clip.")
 @click.option("--width", default=224)
 @click.option("--height", default=176)
@@ -80,7 +87,7 @@ class GivenTracker:
 @click.option("--correlation", type=_PATH, help="Python with al-dic.  [default: leave it out]")
 @click.option("--work", type=_PATH, required=True, help="Folder for clips, runs and models.")
 @click.option("--out", type=_PATH, required=True, help="Folder of the records.")
-def main(
+def run(
     frames: int,
     width: int,
     height: int,
@@ -91,7 +98,7 @@ def main(
     work: Path,
     out: Path,
 ) -> None:
-    """Measure strain on deformations known in closed form."""
+    """Draw, fit and measure: a record for each deformation."""
     cv2.setNumThreads(1)
     for deformation in DEFORMATIONS:
         if only and deformation.name not in only:
@@ -112,7 +119,7 @@ def main(
         found = {}
         for name, (each, refined_on) in methods.items():
             begin = time.process_time()
-            found[name] = _errors(clip, each, refined_on)
+            found[name] = errors_of(clip, each, refined_on)
             found[name]["cpu_seconds"] = time.process_time() - begin
             click.echo(f"{deformation.name} {name}: {_told(found[name])}")
         facts = {
@@ -124,6 +131,31 @@ def main(
             "fit_cpu_seconds": fitted,
         }
         write_record(out / f"{deformation.name}.json", facts | {"methods": found} | provenance())
+
+
+@main.command()
+@click.argument("records", type=_PATH)
+def table(records: Path) -> None:
+    """Print errors of strain by the squares' size and, of those of 32 pixels, by magnitude, as markdown."""
+    for path in sorted(records.glob("*.json")):
+        record = json.loads(path.read_text())
+        methods: Record = record["methods"]
+        bins_known = next(iter(methods.values()))["32"]["by_strain"]
+        names = [
+            *(f"{side} px" for side in SIDES),
+            *(f"32 px, strain {name}" for name in bins_known),
+            "rotation, 32 px",
+        ]
+        click.echo(f"\n| {record['clip']} | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")
+        for method, found in methods.items():
+            cells = [found[str(side)]["strain"] for side in SIDES]
+            cells += [found["32"]["by_strain"][name]["error"] for name in bins_known]
+            told = [*(_cell(each) for each in cells), f"{found['32']['rotation']:.2f} deg"]
+            click.echo(f"| {method} | {' | '.join(told)} |")
+
+
+def _cell(error: float | None) -> str:
+    return "" if error is None else f"{error:.4f}"
 
 
 def _fitted(clip: Deformed, pictures: npt.NDArray[np.uint8], steps: int, work: Path) -> tuple[Path, float | None]:
@@ -178,7 +210,7 @@ def _correlated(python: Path, pictures: npt.NDArray[np.uint8], mode: str, out: P
     return lambda start: start[:, None] + between(start)
 
 
-def _errors(clip: Deformed, tracker: Any, refined_on: npt.NDArray[np.uint8] | None) -> Record:
+def errors_of(clip: Deformed, tracker: Any, refined_on: npt.NDArray[np.uint8] | None) -> Record:
     """By the side of the squares: errors by magnitude."""
     margin = max(SIDES) / 2 + RIM
     x, y = (np.linspace(margin, side - 1 - margin, SQUARES_ALONG) for side in (clip.width, clip.height))
