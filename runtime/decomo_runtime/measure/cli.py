@@ -197,6 +197,7 @@ def _write_motion(
     from decomo_runtime.measure.points import measure_points
     from decomo_runtime.measure.region import measure_region
     from decomo_runtime.pictures import write_video
+    from decomo_runtime.regions import SPACING
     from decomotion.files import replacing
 
     queries, _ = asked.queries(tracker, clip_path)
@@ -204,30 +205,32 @@ def _write_motion(
     motion = ask(tracker, queries, frames=frames, reference=reference, clip=pixels, settings=settings)
     measured = motion.measured()
     colours = None if shown is None else _colours(measured, *shown[1:], "principal_1" if asked.is_region else "speed")
+    number = len(queries)
+    apart = (asked.spacing or SPACING) if asked.is_region else (tracker.height * tracker.width / number) ** 0.5 / 2
     with replacing(out) as temporary:
         TABLES[out.suffix.lower()](measured, temporary, tracker.pixel_aspect)
     if shown is not None and clip is not None and colours is not None:
         times = clip.times[motion.tracks.frames]
-        drawn = _drawn_points(motion, colours, tracker, clip)
+        drawn = _drawn_points(motion, colours, tracker, clip, apart)
         write_video(shown[0], drawn, clip.fps, times=times, pixel_aspect=clip.pixel_aspect)
-    number, length = len(queries), len(motion.times)
+    length = len(motion.times)
     kind = f"a region of {number} points" if asked.is_region else f"{number} point{'s' * (number != 1)}"
     return f"{kind} in {length} frame{'s' * (length != 1)}, {motion.hidden.mean():.0%} occluded"
 
 
 def _drawn_points(
-    motion: PointMotion | RegionMotion, colours: Colours, tracker: Tracker, clip: Clip
+    motion: PointMotion | RegionMotion, colours: Colours, tracker: Tracker, clip: Clip, apart: float
 ) -> Iterator[Image]:
+    """Of points that are about `apart` pixels apart."""
     import numpy as np
 
     from decomo_runtime.measure.picture import Chart
 
     chart = Chart(colours, (tracker.height, tracker.width), motion.settings.scale, tracker.pixel_aspect)
     values = np.broadcast_to(motion.measured().named(colours.name).values, motion.tracks.occluded.shape)
-    spacing = (tracker.height * tracker.width / len(values)) ** 0.5
     for column, frame in enumerate(motion.tracks.frames.tolist()):
         hidden = motion.tracks.occluded[:, column]
-        yield chart.points(clip.frames[frame], motion.tracks.xy[:, column], values[:, column], hidden, spacing / 2)
+        yield chart.points(clip.frames[frame], motion.tracks.xy[:, column], values[:, column], hidden, apart)
 
 
 def _write_maps(
