@@ -27,6 +27,7 @@ COMMANDS = (
     Command("track", "decomo_runtime.cli", "track", "Follow points through the clip."),
     Command("convert", "decomo_runtime.convert_cli", "convert", "Bring tracks into the files of other tools."),
     Command("flow", "decomo_runtime.flow.cli", "flow", "Write where all pixels of a frame are in others."),
+    Command("measure", "decomo_runtime.measure.cli", "measure", "Measure motion and strain, in units of length."),
     Command(
         "render", "decomo_runtime.render_cli", "render", "Render static scene and objects, or the clip without them."
     ),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from decomo_runtime.dense import Dense
     from decomo_runtime.errors import (
         FlowError,
+        MeasureError,
         ModelFileError,
         OverlayError,
         QueryError,
@@ -31,6 +32,12 @@ if TYPE_CHECKING:
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.convert import convert
     from decomo_runtime.layers import render
+    from decomo_runtime.measure.following import MeasureSettings
+    from decomo_runtime.measure.maps import StrainMap, measure_maps, raster_over
+    from decomo_runtime.measure.points import PointMotion, measure_points
+    from decomo_runtime.measure.region import RegionMotion, measure_region
+    from decomo_runtime.measure.smoothing import Smoothing
+    from decomo_runtime.measure.units import Scale
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
@@ -42,19 +49,30 @@ __all__ = [
     "Appearance",
     "Dense",
     "FlowError",
+    "MeasureError",
+    "MeasureSettings",
     "ModelFacts",
     "ModelFileError",
     "OverlayError",
+    "PointMotion",
     "QueryError",
     "RefinementError",
+    "RegionMotion",
     "RenderError",
     "RuntimeInputError",
+    "Scale",
     "SessionError",
+    "Smoothing",
+    "StrainMap",
     "Tracker",
     "Tracks",
     "TracksFileError",
     "ViewError",
     "convert",
+    "measure_maps",
+    "measure_points",
+    "measure_region",
+    "raster_over",
     "remove_objects",
     "render",
     "write_flow",
@@ -65,9 +83,19 @@ _HOMES = {
     "Appearance": "model",
     "Dense": "dense",
     "ModelFacts": "model_file",
+    "PointMotion": "measure.points",
+    "RegionMotion": "measure.region",
+    "Scale": "measure.units",
+    "MeasureSettings": "measure.following",
+    "Smoothing": "measure.smoothing",
+    "StrainMap": "measure.maps",
     "Tracker": "tracker",
     "Tracks": "tracks",
     "convert": "formats.convert",
+    "measure_maps": "measure.maps",
+    "measure_points": "measure.points",
+    "measure_region": "measure.region",
+    "raster_over": "measure.maps",
     "remove_objects": "removal",
     "render": "layers",
     "write_flow": "flow.folder",

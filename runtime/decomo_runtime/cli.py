@@ -4,43 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from decomo_runtime.options import CAMERA, check_drawing, drawing_options
+from decomo_runtime.point_options import Asked, point_options
 from decomotion.console import run
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from decomo_runtime.model_file import ModelFacts
-
 _PATH = click.Path(path_type=Path)
-DYNAMIC, STATIC = KINDS = ("dynamic", "static")
-SPACED = ("--mask", "--polygon", "--box")
-"""Ways of giving points that `--spacing` says how many of."""
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("model", type=_PATH)
-@click.option("--point", "points", metavar="T,X,Y", multiple=True, help="A point seen in frame T; may be repeated.")
-@click.option("--queries", "queries_file", metavar="CSV", type=_PATH, help="Points from a file with the header t,x,y.")
-@click.option("--grid", metavar="STEP@T", help="A point every STEP pixels of frame T.")
-@click.option("--mask", metavar="PNG@T", help="Points where this image is not black, in frame T.")
-@click.option("--polygon", metavar="X,Y,X,Y,...@T", help="Points within a polygon of frame T.")
-@click.option("--box", metavar="X,Y,W,H@T", help="Points within a box of frame T; X, Y: first column and row.")
-@click.option(
-    "--points-from",
-    metavar="FILE[@T]",
-    help="Keypoints of DeepLabCut (.csv, .h5) or COCO (.json), each where it is surest, or in frame T.",
-)
-@click.option(
-    "--spacing", metavar="PIXELS", type=float, show_default="8", help="Of points in a --mask, --polygon or --box."
-)
-@click.option("--on", type=click.Choice(KINDS), help="Of the points, follow those on objects, or on the static scene.")
+@point_options
 @click.option(
     "--frames",
     "frame_range",
@@ -59,15 +40,7 @@ SPACED = ("--mask", "--polygon", "--box")
 @drawing_options
 def track(
     model: Path,
-    points: Sequence[str],
-    queries_file: Path | None,
-    grid: str | None,
-    mask: str | None,
-    polygon: str | None,
-    box: str | None,
-    points_from: str | None,
-    spacing: float | None,
-    on: str | None,
+    asked: Asked,
     frame_range: str | None,
     out: Path,
     to: str | None,
@@ -88,34 +61,20 @@ def track(
 
     import numpy as np
 
-    from decomo_runtime.errors import OverlayError, QueryError
+    from decomo_runtime.errors import OverlayError
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.registry import format_of
     from decomo_runtime.overlay import check_clip, draw_tracks
     from decomo_runtime.pictures import VIDEO_SUFFIXES, write_video
-    from decomo_runtime.queries import check_queries, parse_frames
+    from decomo_runtime.queries import parse_frames
     from decomo_runtime.scene_motion import follow_scene
     from decomo_runtime.tracker import Tracker
     from decomotion.clip import read_clip
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
-    ways = {
-        "--point": points or None,
-        "--queries": queries_file,
-        "--grid": grid,
-        "--mask": mask,
-        "--polygon": polygon,
-        "--box": box,
-        "--points-from": points_from,
-    }
-    given = {option: value for option, value in ways.items() if value is not None}
-    if len(given) != 1:
-        *others, last = ways
-        raise QueryError(f"give the points in exactly one way: {', '.join(others)} or {last}")
-    if spacing is not None and not given.keys() & SPACED:
-        raise QueryError(f"--spacing goes with {', '.join(SPACED[:-1])} or {SPACED[-1]}; a --grid has its own")
+    asked.check()
     drawn_or_refined = overlay is not None or refine
-    if drawn_or_refined if clip_path is None else not (drawn_or_refined or points_from):
+    if drawn_or_refined if clip_path is None else not (drawn_or_refined or asked.points_from):
         raise OverlayError(
             "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
             "keypoints name"
@@ -123,21 +82,14 @@ def track(
     check_drawing(overlay, mark, trails)
     form = format_of(out, to)
     (check_new_folder if form.folder else check_output)("--out", out)
-    read = (model, queries_file, *(_parted(text)[0] for text in (mask, points_from) if text), clip_path)
+    read = (model, *asked.files, clip_path)
     check_not_input("--out", out, *read)
     if overlay is not None:
         check_output("--overlay", overlay, VIDEO_SUFFIXES)
         check_not_input("--overlay", overlay, *read)
 
     tracker = Tracker(model)
-    if points_from is not None:
-        queries, names = _keypoints(points_from, clip_path)
-    else:
-        queries, names = _wanted_queries(*given.popitem(), spacing, tracker.facts), ()
-    queries = check_queries(queries, tracker.facts)
-    if on is not None:
-        wanted = tracker.on_object(queries) == (on == DYNAMIC)
-        queries, names = queries[wanted], tuple(compress(names, wanted))
+    queries, names = asked.queries(tracker, clip_path)
     frames = None if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     about = replace(About.of(tracker.facts, clip_path), points=names)
     form.check(len(queries), np.arange(tracker.num_frames) if frames is None else frames, about)
@@ -170,37 +122,6 @@ def track(
     for path in (out, overlay):
         if path is not None:
             click.echo(f"wrote {path}")
-
-
-def _wanted_queries(option: str, value: Any, spacing: float | None, model: ModelFacts) -> np.ndarray:
-    """[N, 3] rows of (t, x, y), given by the value of one option."""
-    from decomo_runtime.queries import grid_queries, parse_grid, parse_points, read_queries
-    from decomo_runtime.regions import box_queries, mask_queries, polygon_queries
-
-    if option == "--queries":
-        return read_queries(value)
-    if option == "--grid":
-        return grid_queries(*parse_grid(value), model.height, model.width)
-    if option == "--point":
-        return parse_points(value)
-    regions = {"--mask": mask_queries, "--polygon": polygon_queries, "--box": box_queries}
-    return regions[option](value, spacing, model)
-
-
-def _keypoints(text: str, clip_path: Path | None) -> tuple[np.ndarray, tuple[str, ...]]:
-    """[N, 3] rows of (t, x, y) and their names, from `"FILE"` or `"FILE@T"`."""
-    from decomo_runtime.formats.frames import clip_files
-    from decomo_runtime.keypoints import read_keypoints
-
-    path, frame = _parted(text)
-    files = () if clip_path is None else [file.name for file in clip_files(clip_path)]
-    return read_keypoints(path, files).queries(frame)
-
-
-def _parted(text: str) -> tuple[Path, int | None]:
-    """File and frame of `"FILE@T"`, or of `"FILE"`."""
-    name, _, frame = text.rpartition("@")
-    return (Path(name), int(frame)) if name and frame.isdecimal() else (Path(text), None)
 
 
 def _share(mask: np.ndarray) -> str:

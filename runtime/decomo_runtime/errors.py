@@ -43,3 +43,7 @@ class RenderError(RuntimeInputError):
 
 class ViewError(RuntimeInputError):
     """The page cannot be served at that port, or options contradict each other."""
+
+
+class MeasureError(RuntimeInputError):
+    """What is to be measured does not exist, or units, rates and sizes of a measurement contradict each other."""

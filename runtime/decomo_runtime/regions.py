@@ -5,7 +5,8 @@ A region is a mask [H, W] of whole pixels, whatever it is given as. What lies be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -27,8 +28,17 @@ _BITS = 4
 Mask = npt.NDArray[np.bool_]
 
 
-def mask_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """`"PNG@T"`: points where the image is not black, [N, 3] rows of (t, x, y)."""
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Of one frame."""
+
+    mask: Mask
+    """[H, W], True somewhere."""
+    frame: int
+
+
+def mask_region(text: str, model: ModelFacts) -> Region:
+    """`"PNG@T"`: where the image is not black. `QueryError` where there is none, as of the others."""
     name, frame = _parted("--mask", text, "PNG@T: an image of the clip's size and a frame, such as dog.png@0", model)
     path = Path(name)
     try:
@@ -45,11 +55,11 @@ def mask_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDA
         )
     if not mask.any():
         raise QueryError(f"--mask {path} is black: no pixel of it is the object's")
-    return region_queries(mask, frame, spacing)
+    return Region(mask, frame)
 
 
-def polygon_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """`"X,Y,X,Y,X,Y@T"`: points within the polygon, [N, 3] rows of (t, x, y)."""
+def polygon_region(text: str, model: ModelFacts) -> Region:
+    """`"X,Y,X,Y,X,Y@T"`: a polygon."""
     form = "X,Y,X,Y,X,Y@T: three corners or more and a frame, such as 10,10,90,12,50,70@0"
     corners, frame = _parted("--polygon", text, form, model)
     numbers = _numbers(corners)
@@ -58,11 +68,11 @@ def polygon_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.
     canvas = np.zeros((model.height, model.width), np.uint8)
     whole = np.rint(np.reshape(numbers, (-1, 2)) * 2**_BITS).astype(np.int32)
     cv2.fillPoly(canvas, [whole], (1,), shift=_BITS)
-    return _of_shape("--polygon", text, canvas > 0, frame, spacing)
+    return _of_shape("--polygon", text, canvas > 0, frame)
 
 
-def box_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
-    """`"X,Y,WIDTH,HEIGHT@T"`, X and Y of its first column and row: points within it, [N, 3] rows of (t, x, y)."""
+def box_region(text: str, model: ModelFacts) -> Region:
+    """`"X,Y,WIDTH,HEIGHT@T"`, X and Y of its first column and row."""
     form = "X,Y,WIDTH,HEIGHT@T: the upper left corner, a size above 0 and a frame, such as 40,20,100,60@0"
     place, frame = _parted("--box", text, form, model)
     numbers = _numbers(place)
@@ -72,7 +82,21 @@ def box_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDAr
     x, y = np.arange(model.width), np.arange(model.height)[:, None]
     # a pixel belongs to it where its centre does
     mask = (x >= left - 0.5) & (x < left + width - 0.5) & (y >= top - 0.5) & (y < top + height - 0.5)
-    return _of_shape("--box", text, mask, frame, spacing)
+    return _of_shape("--box", text, mask, frame)
+
+
+REGIONS: dict[str, Callable[[str, ModelFacts], Region]] = {
+    "--mask": mask_region,
+    "--polygon": polygon_region,
+    "--box": box_region,
+}
+"""By their options."""
+
+
+def queries_in(option: str, text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
+    """[N, 3] rows of (t, x, y): points in the region that one of `REGIONS` says, as `region_queries`."""
+    region = REGIONS[option](text, model)
+    return region_queries(region.mask, region.frame, spacing)
 
 
 def region_queries(mask: Mask, frame: int, spacing: float | None = None) -> npt.NDArray[np.float64]:
@@ -96,13 +120,13 @@ def region_queries(mask: Mask, frame: int, spacing: float | None = None) -> npt.
     return np.array([[frame, column, row]], np.float64)
 
 
-def _of_shape(option: str, text: str, mask: Mask, frame: int, spacing: float | None) -> npt.NDArray[np.float64]:
+def _of_shape(option: str, text: str, mask: Mask, frame: int) -> Region:
     if not mask.any():
         height, width = mask.shape
         raise QueryError(
             f"{option} {text} lies outside of the frame, or between its pixels; the clip is {width}x{height}"
         )
-    return region_queries(mask, frame, spacing)
+    return Region(mask, frame)
 
 
 def _parted(option: str, text: str, form: str, model: ModelFacts) -> tuple[str, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from decomo_runtime import About, ModelFacts, QueryError, Tracks
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.layouts import from_cotracker
 from decomo_runtime.queries import check_queries, read_queries
-from decomo_runtime.regions import box_queries, mask_queries, polygon_queries
+from decomo_runtime.regions import queries_in
 from decomotion.clip import Clip
 from decomotion.data.links.tracks import read_tracks
 from decomotion.errors import SupervisionError
@@ -178,6 +179,9 @@ def test_queries(place: Path, content: bytes):
 
 
 FACTS = ModelFacts("clip", FRAMES, HEIGHT, WIDTH, 24.0, "cpu", 0.5)
+mask_queries, polygon_queries, box_queries = (
+    partial(queries_in, option) for option in ("--mask", "--polygon", "--box")
+)
 REGIONS = {polygon_queries: "3,4,20.5,6,9,18@2", box_queries: "3,4,20.5,6@2"}
 
 

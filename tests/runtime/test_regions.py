@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -14,10 +15,13 @@ from hypothesis import strategies as st
 
 from decomo_runtime import ModelFacts, QueryError
 from decomo_runtime.queries import check_queries
-from decomo_runtime.regions import box_queries, mask_queries, polygon_queries, region_queries
+from decomo_runtime.regions import queries_in, region_queries
 
 HEIGHT, WIDTH = 40, 48
 MODEL = ModelFacts("clip", num_frames=6, height=HEIGHT, width=WIDTH, fps=24.0, preset="cpu", occlusion_threshold=0.5)
+mask_queries, polygon_queries, box_queries = (
+    partial(queries_in, option) for option in ("--mask", "--polygon", "--box")
+)
 
 
 def mask_file(path: Path, *pixels: tuple[int, int], value: int = 255, size: tuple[int, int] = (HEIGHT, WIDTH)) -> Path:

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 
-def write_exr(path: Path, channels: Mapping[str, npt.NDArray[np.floating]], pixel_aspect: float) -> None:
-    """Writes `channels` [H, W] by name, the first row on top."""
+def write_exr(
+    path: Path,
+    channels: Mapping[str, npt.NDArray[Any]],
+    pixel_aspect: float,
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Writes `channels` [H, W] by name, the first row on top, and `notes` into the header."""
     import OpenEXR
 
     header = {
+        **(notes or {}),
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "pixelAspectRatio": float(pixel_aspect),

@@ -1,0 +1,1 @@
+"""Deformation and motion in numbers: strain, displacement, velocity, acceleration, in the clip's units of length."""
