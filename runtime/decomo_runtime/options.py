@@ -12,6 +12,8 @@ MARKS = ("ring", "cross", "none")
 """What an occluded point is drawn as."""
 IMAGE, CAMERA = TRAILS = ("image", "camera")
 """What a trail is drawn relative to: the image, or the static scene, the camera's motion taken out."""
+SEEN, STATIC, DYNAMIC = OWNERS = ("seen", "static", "dynamic")
+"""What an edit belongs to: whatever is seen in the painted frame, or the static scene or the objects alone."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
