@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from decomo_runtime.dense import Dense
+    from decomo_runtime.edits import Edit, draw_edits, read_edit
     from decomo_runtime.errors import (
         FlowError,
         ModelFileError,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
+    from decomo_runtime.stabilisation import Stabilisation, stabilise
+    from decomo_runtime.still_pictures import draw_stabilised
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
@@ -41,6 +44,7 @@ __all__ = [
     "About",
     "Appearance",
     "Dense",
+    "Edit",
     "FlowError",
     "ModelFacts",
     "ModelFileError",
@@ -50,13 +54,18 @@ __all__ = [
     "RenderError",
     "RuntimeInputError",
     "SessionError",
+    "Stabilisation",
     "Tracker",
     "Tracks",
     "TracksFileError",
     "ViewError",
     "convert",
+    "draw_edits",
+    "draw_stabilised",
+    "read_edit",
     "remove_objects",
     "render",
+    "stabilise",
     "write_flow",
 ]
 
@@ -64,12 +73,18 @@ _HOMES = {
     "About": "formats.about",
     "Appearance": "model",
     "Dense": "dense",
+    "Edit": "edits",
     "ModelFacts": "model_file",
+    "Stabilisation": "stabilisation",
     "Tracker": "tracker",
     "Tracks": "tracks",
     "convert": "formats.convert",
+    "draw_edits": "edits",
+    "draw_stabilised": "still_pictures",
+    "read_edit": "edits",
     "remove_objects": "removal",
     "render": "layers",
+    "stabilise": "stabilisation",
     "write_flow": "flow.folder",
 }
 

@@ -22,13 +22,13 @@ import numpy.typing as npt
 from decomo_runtime.dense import dense_flows
 from decomo_runtime.dense_maps import DenseMap, identity, smoothed
 from decomo_runtime.errors import RenderError
-from decomo_runtime.layers import look, pixel_queries, raster_size
+from decomo_runtime.layers import pixel_queries
 from decomo_runtime.mipmaps import Mipmaps
-from decomo_runtime.objects import RENDERED_SIDE
 from decomo_runtime.options import DYNAMIC, OWNERS, SEEN, STATIC
 from decomo_runtime.queries import check_frames
 from decomo_runtime.sampling import sampled
-from decomo_runtime.scene_motion import SceneMotion, follow_scene
+from decomo_runtime.scene_maps import OBJECT_SHARE, SceneMaps
+from decomo_runtime.scene_motion import follow_scene
 from decomotion.frame_files import decode_rgba
 from decomotion.images import filled
 
@@ -46,15 +46,10 @@ SHADED = 3.0
 """Deviation over which shading is compared, in pixels of a frame whose longer side is 256."""
 MOST_GAIN = 4.0
 """Light changes at most by so much, either way."""
-CLEARANCE, AGREED = 4.0, 1.5
-"""An edit on the scene goes by the model's answers this far from objects, and where they are within so much of how the
-scene around moves; elsewhere on from there. In pixels of a frame whose longer side is 256.
-"""
-_SURE = 0.99
 _DARK = 6.0
 """Of 255: darker pixels tell little of the light."""
-_OWN, _OTHERS = 0.75, 0.25
-"""Share of a pixel's ray that makes it wholly an object's, and below which it is not an object's."""
+_WHOLLY = 0.75
+"""Share of a pixel's ray that makes it wholly an object's; `OBJECT_SHARE` and less make it not an object's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +140,7 @@ def draw_edits(
     """
     for edit in edits:
         check_edit(edit, tracker.facts)
-    scene = follow_scene(tracker) if any(edit.on == STATIC for edit in edits) else None
+    scene = SceneMaps(tracker, follow_scene(tracker)) if any(edit.on == STATIC for edit in edits) else None
     return _drawn(tracker, frames, edits, wanted, scene, relight, alone)
 
 
@@ -154,7 +149,7 @@ def _drawn(
     frames: FramesByNumber,
     edits: Sequence[Edit],
     wanted: Iterable[int],
-    scene: SceneMotion | None,
+    scene: SceneMaps | None,
     relight: bool,
     alone: bool,
 ) -> Iterator[Image]:
@@ -169,21 +164,21 @@ def _drawn(
             if relight and own.any():
                 light = view.light(edit, frames[frame], shown[edit.frame])
                 own[..., :3] = np.minimum(own[..., :3] * light, own[..., 3:])
-            layer = own + (1 - own[..., 3:]) * layer
+            layer = (own + (1 - own[..., 3:]) * layer).astype(np.float32, copy=False)
         yield _straight(layer) if alone else _over(layer, frames[frame])
 
 
 class _View:
     """One frame, and where its pixels were in the painted ones."""
 
-    def __init__(self, tracker: Tracker, frame: int, painted: Sequence[int], scene: SceneMotion | None) -> None:
+    def __init__(self, tracker: Tracker, frame: int, painted: Sequence[int], scene: SceneMaps | None) -> None:
         self._tracker, self._frame, self._scene = tracker, frame, scene
         size = tracker.height, tracker.width
         others = [each for each in painted if each != frame]
         answers = dense_flows(tracker, frame, others)
         maps = {each: smoothed(dense, tracker.occlusion_threshold) for each, dense in zip(others, answers, strict=True)}
         self._maps = {frame: identity(*size), **maps}
-        self._behind: dict[int, DenseMap] = {}
+        self._of_scene: dict[int, DenseMap] = {}
         self._share: Floats = np.full(size, np.nan, np.float32)
 
     def moved(self, edit: Edit) -> Floats:
@@ -215,30 +210,12 @@ class _View:
         return gain.clip(1 / MOST_GAIN, MOST_GAIN)
 
     def _map(self, edit: Edit) -> DenseMap:
+        seen = self._maps[edit.frame]
         if edit.on != STATIC or edit.frame == self._frame or self._scene is None:
-            return self._maps[edit.frame]
-        if edit.frame not in self._behind:
-            self._behind[edit.frame] = self._of_scene(edit.frame, self._scene)
-        return self._behind[edit.frame]
-
-    def _of_scene(self, painted: int, scene: SceneMotion) -> DenseMap:
-        """The map where the scene is in sight in both frames, continued where an object hides it in the painted one."""
-        seen = self._maps[painted]
-        if not scene.knows(self._frame, painted):
             return seen
-        field, unit = scene.field(self._frame, painted), max(seen.visible.shape) / 256
-        apart = seen.places - field
-        known = (seen.visible > _SURE) & self._clear(CLEARANCE * unit) & (np.hypot(*apart.T).T < AGREED * unit)
-        beyond = filled(np.where(known[..., None], apart, 0), known.astype(np.float32))
-        return DenseMap(field + beyond, np.ones_like(seen.visible))
-
-    def _clear(self, margin: float) -> npt.NDArray[np.bool_]:
-        """[H, W]: whether a pixel lies farther than `margin` from all objects, as the model renders them coarsely."""
-        size = self._tracker.height, self._tracker.width
-        coarse = raster_size(self._tracker.facts, min(RENDERED_SIDE, max(size)))
-        still = look(self._tracker, self._frame, coarse).static_confidence.reshape(coarse) > 1 - _OTHERS
-        still = cv2.resize(still.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST)
-        return cv2.distanceTransform(still, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > margin
+        if edit.frame not in self._of_scene:
+            self._of_scene[edit.frame] = self._scene.between(self._frame, edit.frame, seen)
+        return self._of_scene[edit.frame]
 
     def _object_share(self, pixels: npt.NDArray[np.bool_]) -> Floats:
         """[H, W] in [0, 1], how much an object has of each pixel; only those asked for are rendered."""
@@ -246,7 +223,7 @@ class _View:
         if asked.any():
             queries = pixel_queries(self._frame, pixels.shape, self._tracker.facts)[asked.ravel()]
             moving = 1 - self._tracker.sample(queries).static_confidence
-            self._share[asked] = ((moving - _OTHERS) / (_OWN - _OTHERS)).clip(0, 1)
+            self._share[asked] = ((moving - OBJECT_SHARE) / (_WHOLLY - OBJECT_SHARE)).clip(0, 1)
         return np.where(pixels, np.nan_to_num(self._share), 0)
 
 

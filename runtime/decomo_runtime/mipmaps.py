@@ -19,9 +19,9 @@ class Mipmaps:
     """The pyramid of `picture` [h, w, 4], RGBA, uint8, alpha not premultiplied."""
 
     def __init__(self, picture: npt.NDArray[np.uint8]) -> None:
-        level = picture.astype(np.float32) / 255
+        level: Floats = (picture / 255).astype(np.float32)
         level[..., :3] *= level[..., 3:]
-        self._levels = [level]
+        self._levels: list[Floats] = [level]
         while min(level.shape[:2]) >= 2 * _LEAST:
             size = (level.shape[1] + 1) // 2, (level.shape[0] + 1) // 2
             level = cv2.resize(level, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)

@@ -58,21 +58,27 @@ def polygon_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.
     canvas = np.zeros((model.height, model.width), np.uint8)
     whole = np.rint(np.reshape(numbers, (-1, 2)) * 2**_BITS).astype(np.int32)
     cv2.fillPoly(canvas, [whole], (1,), shift=_BITS)
-    return _of_shape("--polygon", text, canvas > 0, frame, spacing)
+    return region_queries(_not_empty("--polygon", text, canvas > 0), frame, spacing)
 
 
 def box_queries(text: str, spacing: float | None, model: ModelFacts) -> npt.NDArray[np.float64]:
     """`"X,Y,WIDTH,HEIGHT@T"`, X and Y of its first column and row: points within it, [N, 3] rows of (t, x, y)."""
+    mask, frame = box_mask(text, model, "--box")
+    return region_queries(mask, frame, spacing)
+
+
+def box_mask(text: str, model: ModelFacts, option: str) -> tuple[Mask, int]:
+    """`"X,Y,WIDTH,HEIGHT@T"`, given as `option`: the pixels [H, W] within it, and its frame."""
     form = "X,Y,WIDTH,HEIGHT@T: the upper left corner, a size above 0 and a frame, such as 40,20,100,60@0"
-    place, frame = _parted("--box", text, form, model)
+    place, frame = _parted(option, text, form, model)
     numbers = _numbers(place)
     if len(numbers) != 4 or not min(numbers[2:]) > 0:
-        raise QueryError(f"--box {text} is not {form}")
+        raise QueryError(f"{option} {text} is not {form}")
     left, top, width, height = numbers
     x, y = np.arange(model.width), np.arange(model.height)[:, None]
     # a pixel belongs to it where its centre does
     mask = (x >= left - 0.5) & (x < left + width - 0.5) & (y >= top - 0.5) & (y < top + height - 0.5)
-    return _of_shape("--box", text, mask, frame, spacing)
+    return _not_empty(option, text, mask), frame
 
 
 def region_queries(mask: Mask, frame: int, spacing: float | None = None) -> npt.NDArray[np.float64]:
@@ -96,13 +102,13 @@ def region_queries(mask: Mask, frame: int, spacing: float | None = None) -> npt.
     return np.array([[frame, column, row]], np.float64)
 
 
-def _of_shape(option: str, text: str, mask: Mask, frame: int, spacing: float | None) -> npt.NDArray[np.float64]:
+def _not_empty(option: str, text: str, mask: Mask) -> Mask:
     if not mask.any():
         height, width = mask.shape
         raise QueryError(
             f"{option} {text} lies outside of the frame, or between its pixels; the clip is {width}x{height}"
         )
-    return region_queries(mask, frame, spacing)
+    return mask
 
 
 def _parted(option: str, text: str, form: str, model: ModelFacts) -> tuple[str, int]:
