@@ -26,6 +26,7 @@ from decomo_runtime.layers import pixel_queries
 from decomo_runtime.mipmaps import Mipmaps
 from decomo_runtime.options import DYNAMIC, OWNERS, SEEN, STATIC
 from decomo_runtime.queries import check_frames
+from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import sampled
 from decomo_runtime.scene_maps import OBJECT_SHARE, SceneMaps
 from decomo_runtime.scene_motion import follow_scene
@@ -46,6 +47,10 @@ SHADED = 3.0
 """Deviation over which shading is compared, in pixels of a frame whose longer side is 256."""
 MOST_GAIN = 4.0
 """Light changes at most by so much, either way."""
+REACH = 2.5
+"""Such deviations."""
+_SHOWN = 0.05
+"""Of what is around, by weight: where less is in sight in both frames, light is that of the parts beside."""
 _DARK = 6.0
 """Of 255: darker pixels tell little of the light."""
 _WHOLLY = 0.75
@@ -161,9 +166,11 @@ def _drawn(
         layer = np.zeros((tracker.height, tracker.width, 4), np.float32)
         for edit in edits:
             own = view.moved(edit)
-            if relight and own.any():
-                light = view.light(edit, frames[frame], shown[edit.frame])
-                own[..., :3] = np.minimum(own[..., :3] * light, own[..., 3:])
+            region = around(own[..., 3] > 0) if relight else None
+            if region is not None:
+                lit = own[region.part]
+                lit[..., :3] *= view.light(edit, region, frames[frame], shown[edit.frame])
+                lit[..., :3] = np.minimum(lit[..., :3], lit[..., 3:])
             layer = (own + (1 - own[..., 3:]) * layer).astype(np.float32, copy=False)
         yield _straight(layer) if alone else _over(layer, frames[frame])
 
@@ -196,18 +203,23 @@ class _View:
             layer *= (share if edit.on == DYNAMIC else 1 - share)[..., None]
         return layer
 
-    def light(self, edit: Edit, here: Image, painted: Image) -> Floats:
-        """[H, W, 3]: what the clip's colours here are, over large parts, of those in the painted frame."""
-        there = self._maps[edit.frame]
-        weight = there.visible * sampled(np.ones(painted.shape[:2], np.float32), there.places, outside=0)
-        deviation = SHADED * max(painted.shape) / 256
-        now, then, known = (
-            cv2.GaussianBlur(image, (0, 0), deviation)
-            for image in (weight[..., None] * here, weight[..., None] * sampled(painted, there.places), weight)
+    def light(self, edit: Edit, region: Raster, here: Image, painted: Image) -> Floats:
+        """[h, w, 3] in a region: what the clip's colours are there, over large parts, of those in the painted frame."""
+        deviation = SHADED * max(here.shape) / 256
+        wide, there = region.grown(math.ceil(REACH * deviation)), self._maps[edit.frame]
+        places, inside = there.places[wide.part], np.ones(painted.shape[:2], np.float32)
+        weight = (there.visible[wide.part] * sampled(inside, places, outside=0))[..., None]
+        known, now, then = (
+            cv2.GaussianBlur(image, (0, 0), deviation).reshape(*wide.shape, -1)
+            for image in (weight, weight * here[wide.part], weight * sampled(painted, places))
         )
-        gain = (now + _DARK * known[..., None]) / np.maximum(then + _DARK * known[..., None], 1e-3)
-        gain = filled(gain.astype(np.float32), (known > 0.05).astype(np.float32))
-        return gain.clip(1 / MOST_GAIN, MOST_GAIN)
+        gain = (now + _DARK * known) / np.maximum(then + _DARK * known, 1e-3)
+        gain = filled(gain.astype(np.float32), (known[..., 0] > _SHOWN).astype(np.float32))
+        rows, columns = (
+            slice(part.start - all_of.start, part.stop - all_of.start)
+            for part, all_of in zip(region.part, wide.part, strict=True)
+        )
+        return gain[rows, columns].clip(1 / MOST_GAIN, MOST_GAIN)
 
     def _map(self, edit: Edit) -> DenseMap:
         seen = self._maps[edit.frame]

@@ -100,8 +100,10 @@ def render(
         raise RenderError(f"{' and '.join(changes)} each make a clip of their own; give one, and the other its result")
     if changes and (layer is not None or size is not None):
         raise RenderError(f"{changes[0]} keeps the clip's own pixels and size; leave out --layer and --size")
-    if bool(changes) != (clip_path is not None):
-        raise RenderError(f"{' or '.join(changes or asked)} and --clip go together: the clip's own pixels are kept")
+    if changes and clip_path is None:
+        raise RenderError(f"{changes[0]} and --clip go together: the clip's own pixels are kept")
+    if clip_path is not None and not changes:
+        raise RenderError(f"--clip goes together with one of {', '.join(asked)}; give one, or leave it out")
     if still.stabilise is not None and overlay is not None:
         raise RenderError("--overlay draws where points are in the clip, and --stabilise moves it; leave one out")
     edits.check()

@@ -111,8 +111,8 @@ class Stabilisation:
     def save(self, path: Path, model: ModelFacts, clip: Path | None = None) -> None:
         """Writes `path`, whole or not at all, by its ending.
 
-        A .csv has a line for each frame: its number, second, whether it is known, and its matrix row by row. A .nk has a
-        CornerPin2D; others have `corners` in that format of tracks.
+        A .csv has a line for each frame: its number, second, whether it is known, and its matrix row by row. A .nk has
+        a CornerPin2D; others have `corners` in that format of tracks.
         `TracksFileError` where it means none; `model` and `clip` tell what some formats want to know beside.
         """
         form = format_of_transforms(path)

@@ -62,7 +62,7 @@ def draw_stabilised(
     """
     if border not in BORDERS:
         raise RenderError(f"there is no border {border!r}; choose from {', '.join(BORDERS)}")
-    maps = _maps(tracker, stabilisation)
+    maps = maps_of(tracker, stabilisation)
     if border == CROP:
         left, top, scale = _largest_crop(maps, stabilisation)
         stabilisation, maps = stabilisation.cropped(left, top, scale), _Cropped(maps, left, top, scale)
@@ -71,7 +71,7 @@ def draw_stabilised(
 
 
 def _drawn(
-    frames: FramesByNumber, stabilisation: Stabilisation, maps: _Maps, fill: _Fill | None, opaque: bool
+    frames: FramesByNumber, stabilisation: Stabilisation, maps: Maps, fill: _Fill | None, opaque: bool
 ) -> Iterator[Image]:
     for frame in stabilisation.frames.tolist():
         places = maps.places(frame)
@@ -85,7 +85,7 @@ def _drawn(
         yield np.rint(read[..., :3] if opaque else read).clip(0, 255).astype(np.uint8)
 
 
-class _Maps:
+class Maps:
     """Where each pixel of the still picture is in a frame, by its matrix."""
 
     def __init__(self, stabilisation: Stabilisation) -> None:
@@ -103,7 +103,7 @@ class _Maps:
         return moved.reshape(xy.shape).astype(np.float32)
 
 
-class _DenseMaps(_Maps):
+class _DenseMaps(Maps):
     """The same, by the model's answers for the pixels of the frame of reference."""
 
     def __init__(self, tracker: Tracker, stabilisation: Stabilisation) -> None:
@@ -136,14 +136,15 @@ class _DenseMaps(_Maps):
         return continued(base, seen, self._wanted, AGREED * max(self.size) / 256).places
 
 
-def _maps(tracker: Tracker, stabilisation: Stabilisation) -> _Maps:
-    return _DenseMaps(tracker, stabilisation) if stabilisation.by == DENSE else _Maps(stabilisation)
+def maps_of(tracker: Tracker, stabilisation: Stabilisation) -> Maps:
+    """The maps by which pictures are drawn."""
+    return _DenseMaps(tracker, stabilisation) if stabilisation.by == DENSE else Maps(stabilisation)
 
 
-class _Cropped(_Maps):
+class _Cropped(Maps):
     """Other maps, of a part of the picture, enlarged."""
 
-    def __init__(self, maps: _Maps, left: float, top: float, scale: float) -> None:
+    def __init__(self, maps: Maps, left: float, top: float, scale: float) -> None:
         self.size, self._maps, self._corner, self._scale = maps.size, maps, np.array([left, top]), scale
 
     def at(self, frame: int, xy: Places) -> Floats:
@@ -153,7 +154,7 @@ class _Cropped(_Maps):
 class _Fill:
     """What other frames show beyond the borders of one."""
 
-    def __init__(self, tracker: Tracker, frames: FramesByNumber, maps: _Maps) -> None:
+    def __init__(self, tracker: Tracker, frames: FramesByNumber, maps: Maps) -> None:
         self._frames, self._motion = HeldFrames(frames), follow_scene(tracker)
         self._objects = Objects(tracker, self._frames, self._motion)
         self._size = maps.size
@@ -184,7 +185,7 @@ class _Fill:
         return picture if known.all() else filled(picture.astype(np.float32), known)
 
 
-def _largest_crop(maps: _Maps, stabilisation: Stabilisation) -> tuple[float, float, float]:
+def _largest_crop(maps: Maps, stabilisation: Stabilisation) -> tuple[float, float, float]:
     """(left, top, scale): the largest part of the clip's shape that all frames cover; `Stabilisation.cropped`."""
     height, width = maps.size
     step = max(1.0, max(height, width) / CROP_SIDE)

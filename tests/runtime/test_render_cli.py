@@ -196,7 +196,7 @@ def test_the_clip_without_its_objects(
         (["--frames", "4:9"], "--frames 4:9 must select frames within 0:6"),
         (["--size", "0"], "must have a whole number of pixels, got 0"),
         (["--remove-objects"], "--remove-objects and --clip go together"),
-        (["--clip", "slide"], "--remove-objects and --clip go together"),
+        (["--clip", "slide"], "--clip goes together with one of --remove-objects, --edit, --stabilise"),
         (["--remove-objects", "--clip", "slide", "--layer", "mask"], "leave out --layer and --size"),
         (["--remove-objects", "--clip", "slide", "--size", "9"], "leave out --layer and --size"),
         (["--remove-objects", "--clip", "no"], "no does not exist"),
