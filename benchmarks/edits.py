@@ -4,7 +4,7 @@
 
 Draws a clip of that many frames, that wide and high (`harness/scenery.py`), and fits a model to it in few steps; what
 exists in `--work` is not made again. A picture of twice the size, discs of many colours, is painted over the middle
-frame and drawn in all others, on what is seen, on the static scene and on the objects. Truth samples 4x4 places of each
+frame and drawn in all others, on what is seen, on the static scene and on the objects. Truth samples 3x3 places of each
 pixel. In the record, means over frames:
 
     edits        by owner: `psnr`, dB, of the composite where the true or the drawn edit is; `alpha_error`, mean
@@ -40,9 +40,9 @@ from harness.records import Record, provenance, write_record
 from harness.scenery import Scenery
 
 _PATH = click.Path(path_type=Path)
-FINER, SUBPIXELS = 2, 4
+FINER, SUBPIXELS = 2, 3
 """Size of the picture over that of the clip; places of a pixel that truth samples, either way."""
-EVERY = 4
+EVERY = 5
 """Frames between those in which edits are compared."""
 POINTS = 300
 SMOOTH = 1 / 3

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from decomo_runtime.sampling import sampled
 
 Floats = npt.NDArray[np.float32]
+SHARPER = 0.5
+"""Levels: as averages, and cubic interpolation of them, blur more than a pixel does."""
 _LEAST = 2
 """Pixels of the shorter side of the coarsest level."""
 
@@ -33,7 +35,7 @@ class Mipmaps:
         """
         height, width = self._levels[0].shape[:2]
         inside = ((places >= -0.5) & (places <= np.array([width, height]) - 0.5)).all(axis=1)
-        depth = np.log2(np.clip(scale, 1, 2 ** (len(self._levels) - 1)))
+        depth = (np.log2(np.maximum(scale, 1)) - SHARPER).clip(0, len(self._levels) - 1)
         read = np.zeros((len(places), 4), np.float32)
         for number, level in enumerate(self._levels):
             weight = (1 - np.abs(depth - number)).clip(0)  # linear between levels

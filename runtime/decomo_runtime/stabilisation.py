@@ -261,14 +261,15 @@ def _averaged(pairs: _Pairs, wanted: Iterable[int], deviation: float, every: Seq
     corners = _corners(pairs.size)
     found = {}
     for frame in map(int, wanted):
-        weights, places = [1.0], [corners]
+        weights, places, others = [], [], 0
         for anchor in anchors:
             away = abs(anchor - frame) / deviation
-            matrix = pairs.between(frame, anchor) if 0 < away <= REACH else None
+            matrix = pairs.between(frame, anchor) if away <= REACH else None
             if matrix is not None:
                 weights.append(math.exp(-(away**2) / 2))
                 places.append(cv2.perspectiveTransform(corners[None], matrix)[0])
-        if len(places) > 1:
+                others += anchor != frame
+        if others:
             found[frame] = _by_corners(np.average(places, axis=0, weights=weights), pairs.size)
     return found
 

@@ -126,7 +126,7 @@ class _DenseMaps(Maps):
         return sampled(self.places(frame), np.asarray(xy, np.float32))
 
     def _found(self, frame: int) -> Floats:
-        reference, base = self._still.frame, super().places(frame)
+        reference, base = self._still.frame, super().at(frame, identity(*self.size).places)
         if frame == reference:
             return base
         dense = next(dense_flows(self._tracker, reference, [frame]))
