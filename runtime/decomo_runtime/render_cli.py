@@ -131,7 +131,8 @@ def render(
         elif edits.edit:
             layers, changed = ("edits",), edits.pictures(tracker, clip, frames)
         else:
-            layers, (done, changed) = (f"{still.stabilise} held still",), still.pictures(tracker, clip, frames)
+            done, changed = still.pictures(tracker, clip, frames)
+            layers = (f"stabilised {done.still.what}",)
             if is_video and out.suffix.lower() not in ALPHA_SUFFIXES:
                 changed = map(on_black, changed)
         rendered = ([picture] for picture in changed)
