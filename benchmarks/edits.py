@@ -8,7 +8,8 @@ frame and drawn in all others, on what is seen, on the static scene and on the o
 pixel. In the record, means over frames:
 
     edits        by owner: `psnr`, dB, of the composite where the true or the drawn edit is; `alpha_error`, mean
-                 distance of alpha there, in [0, 1]; `still_psnr`, `still_alpha_error`: of the picture that is not moved at all
+                 distance of alpha there, in [0, 1]; `still_psnr`, `still_alpha_error`: of the picture
+                 that is not moved at all
     stabilised   by transform: `residual`, pixels: how far points of the ground (300, in sight in both) are from where
                  they are in the frame of reference, root mean square; `shaking`: the same of their second difference
                  in time. `before` is the clip's own; `smoothed` is with --smooth, a third of a second

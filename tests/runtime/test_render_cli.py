@@ -257,10 +257,7 @@ def test_a_still_video_without_alpha_is_black_where_a_frame_shows_nothing(
         (["--edit", "no.png@3", "--clip", "tiny"], "--edit no.png cannot be read"),
         (["--edit", "edit.png", "--clip", "tiny"], "--edit edit.png is not PICTURE@T"),
         (["--edit", "tiny/00000.png@0", "--clip", "tiny"], "has no alpha, or is opaque everywhere"),
-        (
-            ["--edit", "edit.png@0", "--edit", "edit.png@0", "--edit", "edit.png@0", "--on", "seen", "--on", "seen"],
-            "3 of",
-        ),
+        (["--edit", "edit.png@0", "--clip", "tiny", "--on", "seen", "--on", "seen"], "1 of --edit and 2 of --on"),
         (["--edit", "edit.png@0", "--clip", "tiny", "--layer", "mask"], "leave out --layer and --size"),
         (["--edit", "edit.png@0", "--clip", "tiny", "--stabilise", "scene"], "--edit and --stabilise each make a clip"),
         (["--relight"], "--on, --relight and --alone say how an --edit is drawn"),
