@@ -24,7 +24,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import RenderError
 from decomo_runtime.formats.about import About
 from decomo_runtime.formats.registry import TracksFormat, format_of
-from decomo_runtime.options import HOMOGRAPHY, SIMILARITY, TRANSFORMS, TRANSLATION
+from decomo_runtime.options import DENSE, HOMOGRAPHY, SIMILARITY, TRANSFORMS, TRANSLATION
 from decomo_runtime.queries import check_frames
 from decomo_runtime.regions import box_mask, region_queries
 from decomo_runtime.scene_motion import SceneMotion, follow_objects, follow_scene
@@ -160,6 +160,11 @@ def stabilise(
         raise RenderError(f"there is no transform {by!r}; choose from {', '.join(TRANSFORMS)}")
     if not 0 <= smooth < math.inf:
         raise RenderError(f"--smooth {smooth:g} must be a time of 0 seconds or more")
+    if smooth and by == DENSE:
+        raise RenderError(
+            f"--by {DENSE} brings each frame to one frame of reference, and --smooth to the mean of several; "
+            "leave one out"
+        )
     if not 0 <= still.frame < tracker.num_frames:
         raise RenderError(
             f"the frame of reference, {still.frame}, must be within 0 .. {tracker.num_frames - 1}, the clip's frames"

@@ -138,6 +138,8 @@ def test_frames_without_the_object_move_as_those_around(monkeypatch: pytest.Monk
     np.testing.assert_array_equal(np.flatnonzero(~done.known), [4, 5])
     expected = -(np.arange(FRAMES) - 3)[:, None] * SQUARE_VELOCITY
     np.testing.assert_allclose(shifts(done), expected, atol=0.05)
+    smooth = stabilise(tracker, "object@3", smooth=0.1)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(np.flatnonzero(~smooth.known), [4, 5])
 
 
 def test_transforms_as_files(tmp_path: Path):
@@ -179,6 +181,7 @@ def test_what_is_not(text: str):
         ("scene", {"by": "magic"}, RenderError, f"choose from {', '.join(TRANSFORMS)}"),
         ("scene", {"smooth": -1}, RenderError, "must be a time of 0 seconds or more"),
         ("scene", {"smooth": float("nan")}, RenderError, "must be a time of 0 seconds or more"),
+        ("scene", {"smooth": 1, "by": DENSE}, RenderError, "leave one out"),
         ("90,90,5,5", {}, QueryError, "--stabilise 90,90,5,5@0 lies outside of the frame"),
         ("a,b,c,d", {}, QueryError, "--stabilise a,b,c,d@0 is not X,Y,WIDTH,HEIGHT@T"),
         ("scene", {"frames": [9]}, QueryError, "frame"),
