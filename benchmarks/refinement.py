@@ -28,14 +28,13 @@ from decomo_eval.metrics import THRESHOLDS
 from decomo_runtime.refinement import AnyTracker, refine
 from decomotion.frame_files import frame_files, open_frames
 from decomotion.frames import Frames
+from harness.fitted import fitted_model, written
 from harness.models import model_files
 from harness.records import Record, provenance, write_record
 from harness.reduced import ReducedTracker
 from harness.scenery import Scenery
 
 _PATH = click.Path(path_type=Path)
-QUALITY = 97
-"""Of the clip's JPEGs."""
 RASTER = 256
 """Pixels, of TAP-Vid's frames."""
 STRIDE = 5
@@ -71,11 +70,9 @@ def procedural(
 ) -> None:
     """Refine tracks of a procedural clip whose truth is known."""
     scenery = Scenery(frames, width, height, seed)
-    clip = _written(scenery, work)
-    fitted = (
-        clip if fitted_to is None else _written(Scenery(frames, fitted_to, fitted_to * height // width, seed), work)
-    )
-    model = _fitted(fitted, steps, work)
+    clip = written(scenery, work)
+    fitted = clip if fitted_to is None else written(Scenery(frames, fitted_to, fitted_to * height // width, seed), work)
+    model = fitted_model(fitted, steps, work)
     rng = np.random.default_rng(seed)
     t = np.repeat([0, frames // 2], (points // 2, points - points // 2))
     queries = np.stack([t, rng.uniform(0, width - 1, points), rng.uniform(0, height - 1, points)], axis=1)
@@ -116,32 +113,6 @@ def davis(shared: Path, models: tuple[Path, ...], dataset: Path, out: Path) -> N
         record |= {"delta_before": deltas[0], "delta": deltas[1]}
         write_record(out / f"{name}.json", {"clip": name, "model": _hash(path)} | record | provenance())
         click.echo(f"{name}: < delta_avg {deltas[0]:.2f} -> {deltas[1]:.2f}, {_told(record)}")
-
-
-def _written(scenery: Scenery, work: Path) -> Path:
-    """The folder of its frames."""
-    folder = work / scenery.name
-    if not folder.is_dir():
-        unfinished = work / f"{scenery.name}.partial"
-        unfinished.mkdir(parents=True, exist_ok=True)
-        for number, frame in enumerate(scenery.frames()):
-            picture = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-            cv2.imwrite(str(unfinished / f"{number:05d}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-        unfinished.rename(folder)
-    return folder
-
-
-def _fitted(clip: Path, steps: int, work: Path) -> Path:
-    from decomo_export.cli import main as export
-    from decomotion.cli import main as train
-
-    run, model = work / f"{clip.name}-run", work / f"{clip.name}.onnx"
-    if not model.is_file():
-        fit = [clip, "--out", run, "--steps", steps, "--prepare-budget", "400s", "--shots", "ignore"]
-        for command, arguments in ((train, fit), (export, [model, "--run", run, "--force"])):
-            if command([str(argument) for argument in arguments]):
-                raise SystemExit(1)
-    return model
 
 
 def _compared(

@@ -142,6 +142,23 @@ def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
     With `upright`, an EXIF orientation is applied.
     """
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
+    frame = _decoded_picture(content, flags)
+    return None if frame is None else cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
+
+
+def decode_rgba(content: bytes) -> npt.NDArray[np.uint8] | None:
+    """The picture of an image file, RGBA [H, W, 4] in 8 bits, opaque where it has no alpha; None where it does not
+    decode as one of 8 or 16 bits.
+    """
+    frame = _decoded_picture(content, cv2.IMREAD_UNCHANGED)
+    if frame is None:
+        return None
+    order = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
+    return in_8_bits(cast(AnyDepth, cv2.cvtColor(frame, order[1 if frame.ndim == 2 else frame.shape[2]])))
+
+
+def _decoded_picture(content: bytes, flags: int) -> AnyDepth | None:
+    """As OpenCV orders its channels."""
     if not plausible(content):  # the memory for all that it says would be taken first
         return None
     try:
@@ -150,7 +167,7 @@ def decode_frame(content: bytes, *, upright: bool = True) -> AnyDepth | None:
         return None
     if frame is None or frame.dtype not in (np.uint8, np.uint16):  # files of floats, whatever their suffix
         return None
-    return cast(AnyDepth, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB))
+    return cast(AnyDepth, frame)
 
 
 def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:

@@ -22,6 +22,7 @@ class TrueTracker:
 
     num_frames, width, fps, clip_name = FRAMES, WIDTH, 24.0, "sliding"
     path = Path("sliding.onnx")
+    occlusion_threshold, times = 0.5, np.arange(FRAMES) / 24
 
     def __init__(self, static: float = 1.0, height: int = HEIGHT, object_share: float = 0.1) -> None:
         self.static, self.height = static, height
@@ -37,7 +38,9 @@ class TrueTracker:
     def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         return self.sample(queries).static_confidence < 1 - self.facts.object_share
 
-    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
+    def track(
+        self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None, *, max_memory: int | None = None
+    ) -> Tracks:
         queries = np.asarray(queries, np.float32)
         frames = np.arange(FRAMES) if frames is None else np.asarray(frames)
         start, t = queries[:, None, 1:], queries[:, :1]

@@ -8,7 +8,7 @@ all else that moves. Beyond its edges, two views apart, the ground is mirrored.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -80,10 +80,16 @@ class Scenery:
         known = ~occluded.all(axis=1)
         return xy[known], occluded[known]
 
-    def follow(self, queries: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-        """Where `queries` [N, 3], (t, x, y) in pixels, are in every frame, [N, T, 2], and whether occluded [N, T]."""
+    def follow(
+        self, queries: npt.NDArray[np.floating], frames: Sequence[int] | None = None
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Where `queries` [N, 3], (t, x, y) in pixels, are in `frames` [M], by default all, and whether they are hidden
+        there: [N, M, 2] and [N, M].
+        """
+        asked_frames = range(self.num_frames) if frames is None else frames
         top, extent = self._top, np.array([self.width, self.height])
-        xy, occluded = np.empty((len(queries), self.num_frames, 2)), np.ones((len(queries), self.num_frames), bool)
+        shape = len(queries), len(asked_frames)
+        xy, occluded = np.empty((*shape, 2)), np.ones(shape, bool)
         for t in np.unique(queries[:, 0]).astype(int).tolist():
             rows = np.flatnonzero(queries[:, 0] == t)
             asked = (queries[rows, 1:] + (0.5, 0.5 + top)) / self.width
@@ -91,11 +97,26 @@ class Scenery:
             for index, layer in enumerate(self._scene.layers):
                 own = rows[owner == index]
                 material = layer.warp(float(self._times[t])).to_material(asked[owner == index])
-                for frame, time in enumerate(self._times.tolist()):
+                for column, time in enumerate(self._times[list(asked_frames)].tolist()):
                     place = layer.warp(time).to_frame(material)
-                    xy[own, frame] = place * self.width - 0.5 - (0, top)
-                    occluded[own, frame] = self._scene.layer_at(place, time) != index
+                    xy[own, column] = place * self.width - 0.5 - (0, top)
+                    occluded[own, column] = self._scene.layer_at(place, time) != index
         return xy, occluded | ((xy < -0.5) | (xy >= extent - 0.5)).any(axis=-1)
+
+    def on_object(self, queries: npt.NDArray[np.floating]) -> Mask:
+        """[N], whether `queries` [N, 3] lie on an object, and not on the ground."""
+        places = (queries[:, 1:] + (0.5, 0.5 + self._top)) / self.width
+        found = np.zeros(len(queries), bool)
+        for t in np.unique(queries[:, 0]).astype(int).tolist():
+            rows = queries[:, 0] == t
+            found[rows] = self._scene.layer_at(places[rows], float(self._times[t])) != BACKGROUND
+        return found
+
+    def ground(self, xy: npt.NDArray[np.floating], frame: int, other: int) -> npt.NDArray[np.float64]:
+        """Where the ground at `xy` [N, 2] of a frame lies in another, in sight or not."""
+        layer, corner = self._scene.layers[BACKGROUND], np.array([0.5, 0.5 + self._top])
+        material = layer.warp(float(self._times[frame])).to_material((xy + corner) / self.width)
+        return layer.warp(float(self._times[other])).to_frame(material) * self.width - corner
 
     @property
     def _times(self) -> npt.NDArray[np.float64]:

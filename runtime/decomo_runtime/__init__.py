@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from decomo_runtime.dense import Dense
+    from decomo_runtime.edits import Edit, draw_edits, read_edit
     from decomo_runtime.errors import (
         FlowError,
         MeasureError,
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.removal import remove_objects
+    from decomo_runtime.stabilisation import Stabilisation, stabilise
+    from decomo_runtime.still_pictures import draw_stabilised
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
@@ -48,6 +51,7 @@ __all__ = [
     "About",
     "Appearance",
     "Dense",
+    "Edit",
     "FlowError",
     "MeasureError",
     "MeasureSettings",
@@ -63,18 +67,23 @@ __all__ = [
     "Scale",
     "SessionError",
     "Smoothing",
+    "Stabilisation",
     "StrainMap",
     "Tracker",
     "Tracks",
     "TracksFileError",
     "ViewError",
     "convert",
+    "draw_edits",
+    "draw_stabilised",
     "measure_maps",
     "measure_points",
     "measure_region",
     "raster_over",
+    "read_edit",
     "remove_objects",
     "render",
+    "stabilise",
     "write_flow",
 ]
 
@@ -82,22 +91,28 @@ _HOMES = {
     "About": "formats.about",
     "Appearance": "model",
     "Dense": "dense",
+    "Edit": "edits",
     "ModelFacts": "model_file",
+    "MeasureSettings": "measure.following",
     "PointMotion": "measure.points",
     "RegionMotion": "measure.region",
     "Scale": "measure.units",
-    "MeasureSettings": "measure.following",
     "Smoothing": "measure.smoothing",
+    "Stabilisation": "stabilisation",
     "StrainMap": "measure.maps",
     "Tracker": "tracker",
     "Tracks": "tracks",
     "convert": "formats.convert",
+    "draw_edits": "edits",
+    "draw_stabilised": "still_pictures",
     "measure_maps": "measure.maps",
     "measure_points": "measure.points",
     "measure_region": "measure.region",
     "raster_over": "measure.maps",
+    "read_edit": "edits",
     "remove_objects": "removal",
     "render": "layers",
+    "stabilise": "stabilisation",
     "write_flow": "flow.folder",
 }
 

@@ -12,6 +12,14 @@ MARKS = ("ring", "cross", "none")
 """What an occluded point is drawn as."""
 IMAGE, CAMERA = TRAILS = ("image", "camera")
 """What a trail is drawn relative to: the image, or the static scene, the camera's motion taken out."""
+SEEN, STATIC, DYNAMIC = OWNERS = ("seen", "static", "dynamic")
+"""What an edit belongs to: whatever is seen in the painted frame, or the static scene or the objects alone."""
+TRANSLATION, SIMILARITY, HOMOGRAPHY, DENSE = TRANSFORMS = ("translation", "similarity", "homography", "dense")
+"""By what a frame is brought to where it holds still."""
+NONE, CROP, FILL = BORDERS = ("none", "crop", "fill")
+"""What becomes of the parts of a still picture that a frame does not show: they stay empty, are cut off, or are filled
+from other frames.
+"""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

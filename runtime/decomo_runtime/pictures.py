@@ -183,6 +183,13 @@ def flattened(image: Image, cell: int = 8) -> Image:
     return np.rint(ground * (1 - alpha) + image[..., :3] * alpha).astype(np.uint8)
 
 
+def on_black(image: Image) -> Image:
+    """RGBA [H, W, 4] laid over black: RGB [H, W, 3]. RGB is returned as it is."""
+    if image.shape[2] == 3:
+        return image
+    return np.rint(image[..., :3] * (image[..., 3:].astype(np.float32) / 255)).astype(np.uint8)
+
+
 def tiled(images: Iterable[Image], columns: int) -> Image:
     """RGB images of one size in rows of `columns`, the last row filled up with black."""
     tiles = list(images)

@@ -71,18 +71,18 @@ def polygon_region(text: str, model: ModelFacts) -> Region:
     return _of_shape("--polygon", text, canvas > 0, frame)
 
 
-def box_region(text: str, model: ModelFacts) -> Region:
-    """`"X,Y,WIDTH,HEIGHT@T"`, X and Y of its first column and row."""
+def box_region(text: str, model: ModelFacts, option: str = "--box") -> Region:
+    """`"X,Y,WIDTH,HEIGHT@T"`, given as `option`, X and Y of its first column and row."""
     form = "X,Y,WIDTH,HEIGHT@T: the upper left corner, a size above 0 and a frame, such as 40,20,100,60@0"
-    place, frame = _parted("--box", text, form, model)
+    place, frame = _parted(option, text, form, model)
     numbers = _numbers(place)
     if len(numbers) != 4 or not min(numbers[2:]) > 0:
-        raise QueryError(f"--box {text} is not {form}")
+        raise QueryError(f"{option} {text} is not {form}")
     left, top, width, height = numbers
     x, y = np.arange(model.width), np.arange(model.height)[:, None]
     # a pixel belongs to it where its centre does
     mask = (x >= left - 0.5) & (x < left + width - 0.5) & (y >= top - 0.5) & (y < top + height - 0.5)
-    return _of_shape("--box", text, mask, frame)
+    return _of_shape(option, text, mask, frame)
 
 
 REGIONS: dict[str, Callable[[str, ModelFacts], Region]] = {

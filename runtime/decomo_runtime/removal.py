@@ -47,7 +47,7 @@ def remove_objects(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[in
     where the model holds nothing to be static.
     """
     motion = follow_scene(tracker)
-    held = _Held(frames)
+    held = HeldFrames(frames)
     objects = Objects(tracker, held, motion)
     last: tuple[int, Image] | None = None
     for frame in wanted:
@@ -89,7 +89,7 @@ def propagate(frames: FramesByNumber, frame: int, region: Raster, motion: SceneM
     colours = np.full((COLOURS, len(hidden[0]), 3), np.nan, np.float32)
     found = np.zeros(len(hidden[0]), int)
     missing = np.arange(len(found))
-    for other in _others(frame, len(frames)):
+    for other in others_of(frame, len(frames)):
         if len(missing) == 0:
             break
         if not motion.knows(frame, other):
@@ -108,7 +108,7 @@ def propagate(frames: FramesByNumber, frame: int, region: Raster, motion: SceneM
     return behind
 
 
-def _others(frame: int, num_frames: int) -> list[int]:
+def others_of(frame: int, num_frames: int) -> list[int]:
     """The frames that are looked at for what `frame` hides, nearest in time first."""
     others = range(max(0, frame - FAR), min(num_frames, frame + FAR + 1))
     near = {other for other in others if abs(other - frame) <= NEAR}
@@ -116,7 +116,7 @@ def _others(frame: int, num_frames: int) -> list[int]:
     return sorted((near | far) - {frame}, key=lambda other: abs(other - frame))
 
 
-class _Held:
+class HeldFrames:
     """The frames of a clip, of which those last asked for are held."""
 
     def __init__(self, frames: FramesByNumber) -> None:

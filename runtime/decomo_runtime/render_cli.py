@@ -1,15 +1,19 @@
-"""`decomo-render`: a clip's layers as an exported model has them, and the clip without its objects."""
+"""`decomo-render`: a clip's layers as an exported model has them, and the clip itself, changed by what the model knows:
+without its objects, with an edit of one frame shown in all, or held still.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from decomo_runtime.contract import LAYERS
+from decomo_runtime.edit_cli import EditOptions, edit_options
 from decomo_runtime.options import CAMERA, check_drawing, drawing_options
+from decomo_runtime.stabilise_cli import StabiliseOptions, stabilise_options
 from decomotion.console import run
 
 if TYPE_CHECKING:
@@ -17,6 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from decomo_runtime.tracker import Tracker
+    from decomotion.clip import Clip
 
     Image = npt.NDArray[np.uint8]
     Draw = Callable[[Image, int], Image]
@@ -33,6 +38,8 @@ ALL = "all"
     help=f"What to render.  [default: {LAYERS[0]}]",
 )
 @click.option("--remove-objects", is_flag=True, help="Instead: the clip, behind its objects what other frames show.")
+@edit_options
+@stabilise_options
 @click.option("--clip", "clip_path", metavar="CLIP", type=_PATH, help="Frames or video that the model was fitted to.")
 @click.option(
     "--frames", "frame_range", metavar="A:B", show_default="all", help="Frames to render: from A up to but without B."
@@ -64,12 +71,15 @@ def render(
     overlay: Path | None,
     mark: str,
     trails: str,
+    **given: Any,
 ) -> None:
     """Renders the clip that MODEL was fitted to, decomposed into static scene and moving objects.
 
     Objects alone, and the static scene where it was never seen, are transparent; in .mp4, with --overlay and in the
     video of all layers they lie on chequers.
     All layers make one video side by side, or a folder for each.
+
+    With --clip and one of --remove-objects, --edit and --stabilise it is the clip itself, changed.
     """
     import numpy as np
     from tqdm import tqdm
@@ -77,20 +87,32 @@ def render(
     from decomo_runtime.errors import RenderError
     from decomo_runtime.layers import raster_size
     from decomo_runtime.layers import render as render_layers
-    from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, write_sequence, write_video
+    from decomo_runtime.pictures import ALPHA_SUFFIXES, VIDEO_SUFFIXES, on_black, write_sequence, write_video
     from decomo_runtime.queries import parse_frames
+    from decomo_runtime.removal import remove_objects as remove
     from decomo_runtime.tracker import Tracker
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
-    if remove_objects and (layer is not None or size is not None):
-        raise RenderError("--remove-objects keeps the clip's own pixels and size; leave out --layer and --size")
-    if remove_objects != (clip_path is not None):
-        raise RenderError("--remove-objects and --clip go together: the clip's own pixels are kept")
+    edits, still = EditOptions.of(given), StabiliseOptions.of(given)
+    asked = {"--remove-objects": remove_objects, "--edit": edits.edit, "--stabilise": still.stabilise is not None}
+    changes = [option for option, wanted in asked.items() if wanted]
+    if len(changes) > 1:
+        raise RenderError(f"{' and '.join(changes)} each make a clip of their own; give one, and the other its result")
+    if changes and (layer is not None or size is not None):
+        raise RenderError(f"{changes[0]} keeps the clip's own pixels and size; leave out --layer and --size")
+    if changes and clip_path is None:
+        raise RenderError(f"{changes[0]} and --clip go together: the clip's own pixels are kept")
+    if clip_path is not None and not changes:
+        raise RenderError(f"--clip goes together with one of {', '.join(asked)}; give one, or leave it out")
+    if still.stabilise is not None and overlay is not None:
+        raise RenderError("--overlay draws where points are in the clip, and --stabilise moves it; leave one out")
+    edits.check()
+    still.check(model, clip_path, out)
     check_drawing(overlay, mark, trails)
     is_video = out.suffix != ""
     if is_video:
         check_output("--out", out, (*VIDEO_SUFFIXES, *ALPHA_SUFFIXES))
-        check_not_input("--out", out, model, clip_path, overlay)
+        check_not_input("--out", out, model, clip_path, overlay, *edits.files)
     else:
         check_new_folder("--out", out)
 
@@ -99,10 +121,21 @@ def render(
     frames = np.arange(tracker.num_frames) if frame_range is None else parse_frames(frame_range, tracker.num_frames)
     layers = LAYERS if layer == ALL else (layer or LAYERS[0],)
     draw = None if overlay is None else _drawing(tracker, overlay, frames, size, mark, trails)
-    if clip_path is not None:
-        layers, rendered = ("without objects",), _without_objects(tracker, clip_path, frames)
-    else:
+    done = None
+    if clip_path is None:
         rendered = (render_layers(tracker, int(frame), layers, long_side=size) for frame in frames)
+    else:
+        clip = _clip(tracker, clip_path)
+        if remove_objects:
+            layers, changed = ("without objects",), remove(tracker, clip.frames, frames.tolist())
+        elif edits.edit:
+            layers, changed = ("edits",), edits.pictures(tracker, clip, frames)
+        else:
+            done, changed = still.pictures(tracker, clip, frames)
+            layers = (f"stabilised {done.still.what}",)
+            if is_video and out.suffix.lower() not in ALPHA_SUFFIXES:
+                changed = map(on_black, changed)
+        rendered = ([picture] for picture in changed)
     with tqdm(rendered, "render", total=len(frames), leave=False) as bar:  # gone before a failure is told
         pictures = zip(frames.tolist(), bar, strict=True)
         if draw is not None:
@@ -115,16 +148,18 @@ def render(
             write_sequence(out, _named(pictures, layers))
     click.echo(f"{', '.join(layers)} of {tracker.clip_name}, {len(frames)} frame{'s' * (len(frames) != 1)}")
     click.echo(f"wrote {out}")
+    if done is not None and clip_path is not None:
+        for line in still.save(done, tracker, clip_path):
+            click.echo(line)
 
 
-def _without_objects(tracker: Tracker, clip_path: Path, frames: npt.NDArray[np.int64]) -> Iterator[list[Image]]:
+def _clip(tracker: Tracker, path: Path) -> Clip:
     from decomo_runtime.overlay import check_clip
-    from decomo_runtime.removal import remove_objects
     from decomotion.clip import read_clip
 
-    clip = read_clip(clip_path)
+    clip = read_clip(path)
     check_clip(clip, tracker.facts)
-    return ([picture] for picture in remove_objects(tracker, clip.frames, frames.tolist()))
+    return clip
 
 
 def _drawing(

@@ -36,6 +36,8 @@ KEY_FRAMES, KEY_FRAME_GAP = 4, 12
 """Frames in which points of the scene are picked: at least so many, and at least one in so many frames."""
 POINTS_ALONG = 24
 """Points along the longer side of a key frame."""
+OBJECT_POINTS_ALONG = 64
+"""As many, where objects are followed, which have a part of them."""
 SPAN = 48
 """Two frames are tied by the points of key frames up to so many frames from either."""
 
@@ -120,8 +122,8 @@ class SceneMotion:
         tracks = self._track(self._points[key], frames)
         return tracks.xy.astype(np.float32), ~tracks.occluded
 
-    def _common(self, *frames: int) -> npt.NDArray[np.float32]:
-        """Places [N, 2] in each of two frames of the points that are seen in both, of the key frames near to either."""
+    def common(self, *frames: int) -> npt.NDArray[np.float32]:
+        """[2, N, 2]: where the points that are seen in two frames lie in each, of the key frames near to either."""
         near = np.abs(self._key_frames[:, None] - frames).min(axis=1) <= SPAN
         common = []
         for key in np.flatnonzero(near).tolist():
@@ -133,7 +135,7 @@ class SceneMotion:
 
     def _fit(self, frame: int, other: int) -> tuple[npt.NDArray[np.float64], Floats] | None:
         """The homography from `frame` to `other`, and the remainder [rows, columns, 2] on the raster of cells."""
-        here, there = self._common(frame, other)
+        here, there = self.common(frame, other)
         if len(here) < _LEAST_POINTS:
             return None
         homography, _ = cv2.findHomography(here, there, cv2.USAC_MAGSAC, _INLIER * self._unit)
@@ -157,15 +159,32 @@ def follow_scene(tracker: Tracker) -> SceneMotion:
 
     Raises `RenderError` where the model holds nothing to be static.
     """
-    model = tracker.facts
-    count = min(model.num_frames, max(KEY_FRAMES, -(-model.num_frames // KEY_FRAME_GAP)))
-    key_frames = np.linspace(0, model.num_frames - 1, count).round().astype(int)
-    step = max(1.0, max(model.height, model.width) / POINTS_ALONG)
-    points = np.concatenate([grid_queries(step, frame, model.height, model.width) for frame in key_frames])
+    points = _grid_of_key_frames(tracker, POINTS_ALONG)
     points = points[~tracker.on_object(points)]
     if len(points) < _LEAST_POINTS:
         raise RenderError(
-            f"{tracker.path} holds nothing in {model.clip_name} to be static, so that the scene's motion is unknown; "
+            f"{tracker.path} holds nothing in {tracker.clip_name} to be static, so that the scene's motion is unknown; "
             "fit it again, for longer or with masks of what moves"
         )
-    return SceneMotion(tracker.track, points, (model.num_frames, model.height, model.width))
+    return SceneMotion(tracker.track, points, (tracker.num_frames, tracker.height, tracker.width))
+
+
+def follow_objects(tracker: Tracker) -> SceneMotion:
+    """The motion of the moving objects of the tracker's clip, all taken for one.
+
+    Raises `RenderError` where the model holds nothing to move.
+    """
+    points = _grid_of_key_frames(tracker, OBJECT_POINTS_ALONG)
+    points = points[tracker.on_object(points)]
+    if len(points) < _LEAST_POINTS:
+        raise RenderError(f"{tracker.path} holds nothing in {tracker.clip_name} to move by itself")
+    return SceneMotion(tracker.track, points, (tracker.num_frames, tracker.height, tracker.width))
+
+
+def _grid_of_key_frames(tracker: Tracker, along: int) -> npt.NDArray[np.float64]:
+    """Queries [N, 3], `along` of them along the longer side."""
+    model = tracker.facts
+    count = min(model.num_frames, max(KEY_FRAMES, -(-model.num_frames // KEY_FRAME_GAP)))
+    key_frames = np.linspace(0, model.num_frames - 1, count).round().astype(int)
+    step = max(1.0, max(model.height, model.width) / along)
+    return np.concatenate([grid_queries(step, frame, model.height, model.width) for frame in key_frames])

@@ -216,14 +216,14 @@ def test_where_little_is_held_it_is_made_again(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_frame_looks_at_no_more_of_a_longer_clip():
-    others = removal_module._others(500, 10_000)
+    others = removal_module.others_of(500, 10_000)
     assert others == sorted(others, key=lambda other: abs(other - 500))
-    assert set(others) == set(removal_module._others(500, 1000))
+    assert set(others) == set(removal_module.others_of(500, 1000))
     assert {500 - NEAR, 501, 500 + NEAR, 500 + NEAR + 4} <= set(others)
     assert 500 not in others
     assert max(abs(other - 500) for other in others) <= FAR
     assert len(others) < 80
-    assert removal_module._others(0, 30)[-1] == 29  # shows the most of what all before it hide
+    assert removal_module.others_of(0, 30)[-1] == 29  # shows the most of what all before it hide
 
 
 def test_a_pixel_that_enough_frames_show_is_followed_no_further(monkeypatch: pytest.MonkeyPatch):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 import tiny_fit
 from decomo_runtime import Tracker, Tracks, contract, removal, render
+from decomo_runtime import edits as draw
 from decomo_runtime.contract import LAYERS, META_OBJECT_SHARE
 from decomo_runtime.pictures import flattened
 from decomo_runtime.render_cli import main
@@ -189,6 +191,105 @@ def test_the_clip_without_its_objects(
     assert "without objects of tiny, 2 frames" in capsys.readouterr().out
 
 
+@pytest.fixture
+def sliding(tmp_path: Path, tiny_clip: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A model file whose tracker answers truly of the sliding square; beside it `edit.png` of frame 3."""
+    model = write_tiny_model(tmp_path / "model.onnx", num_frames=FRAMES, height=tiny_fit.HEIGHT, width=tiny_fit.WIDTH)
+    true = TrueTracker()
+    monkeypatch.setattr(Tracker, "sample", lambda self, queries: true.sample(queries))
+    monkeypatch.setattr(
+        Tracker, "track", lambda self, queries, frames=None, max_memory=None: true.track(queries, frames)
+    )
+    picture = np.zeros((tiny_fit.HEIGHT, tiny_fit.WIDTH, 4), np.uint8)
+    picture[12:19, 10:17] = (20, 30, 250, 255)
+    cv2.imwrite(str(tmp_path / "edit.png"), picture)
+    return model
+
+
+def test_an_edit_in_all_frames(sliding: Path, tiny_clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = [sliding, "--clip", tiny_clip, "--edit", f"{tmp_path}/edit.png@3", "--edit", f"{tmp_path}/edit.png@3"]
+    assert run(*arguments, "--on", "dynamic", "--on", "static", "--frames", "2:5", "--out", tmp_path / "edits") == 0
+    assert "edits of tiny, 3 frames" in capsys.readouterr().out
+    edits = [draw.Edit(read_png(tmp_path / "edit.png"), 3, on) for on in ("dynamic", "static")]
+    frames = draw.draw_edits(Tracker(sliding), read_clip(tiny_clip).frames, edits, [2, 3, 4])
+    for number, frame in zip((2, 3, 4), frames, strict=True):
+        np.testing.assert_array_equal(read_png(tmp_path / "edits" / f"{number:05d}.png"), frame)
+    assert run(*arguments, "--alone", "--out", tmp_path / "alone") == 0
+    alone = read_png(tmp_path / "alone" / "00003.png")
+    np.testing.assert_array_equal(alone[..., 3] > 0, read_png(tmp_path / "edit.png")[..., 3] > 0)
+    assert run(*arguments, "--alone", "--out", tmp_path / "alone.mov") == 0
+    with av.open(str(tmp_path / "alone.mov")) as container:
+        assert container.streams.video[0].codec_context.name == "prores"
+    alpha = frames_of(tmp_path / "alone.mov", "rgba")[3][..., 3]
+    np.testing.assert_allclose(alpha, alone[..., 3], atol=12)
+
+
+@pytest.mark.parametrize(("border", "channels"), [("none", 4), ("crop", 3), ("fill", 3)])
+def test_a_clip_held_still(
+    sliding: Path, tiny_clip: Path, tmp_path: Path, border: str, channels: int, capsys: pytest.CaptureFixture[str]
+):
+    arguments = [sliding, "--clip", tiny_clip, "--stabilise", "scene@3", "--by", "translation", "--border", border]
+    tables = ["--transforms", tmp_path / "a.csv", "--transforms", tmp_path / "a.nk"]
+    assert run(*arguments, *tables, "--out", tmp_path / "still") == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "stabilised scene of tiny, 8 frames"
+    assert printed[2:] == [f"wrote {tmp_path / 'a.csv'}", f"wrote {tmp_path / 'a.nk'}"]
+    assert read_png(tmp_path / "still" / "00000.png").shape == (tiny_fit.HEIGHT, tiny_fit.WIDTH, channels)
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == FRAMES + 1
+    assert "CornerPin2D" in (tmp_path / "a.nk").read_text()
+
+
+def test_a_still_video_without_alpha_is_black_where_a_frame_shows_nothing(
+    sliding: Path, tiny_clip: Path, tmp_path: Path
+):
+    out = tmp_path / "still.mp4"
+    assert run(sliding, "--clip", tiny_clip, "--stabilise", "scene@7", "--by", "translation", "--out", out) == 0
+    first = frames_of(out)[0]
+    assert first[:, -5:].max() < 40  # frame 0 lies 7 pixels to the left there
+    assert first[:, :-9].mean() > 80
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--edit", "edit.png@3"], "--edit and --clip go together"),
+        (["--edit", "edit.png@8", "--clip", "tiny"], "edit.png is over frame 8, which must be within 0 .. 7"),
+        (["--edit", "no.png@3", "--clip", "tiny"], "--edit no.png cannot be read"),
+        (["--edit", "edit.png", "--clip", "tiny"], "--edit edit.png is not PICTURE@T"),
+        (["--edit", "tiny/00000.png@0", "--clip", "tiny"], "has no alpha, or is opaque everywhere"),
+        (["--edit", "edit.png@0", "--clip", "tiny", "--on", "seen", "--on", "seen"], "1 of --edit and 2 of --on"),
+        (["--edit", "edit.png@0", "--clip", "tiny", "--layer", "mask"], "leave out --layer and --size"),
+        (["--edit", "edit.png@0", "--clip", "tiny", "--stabilise", "scene"], "--edit and --stabilise each make a clip"),
+        (["--relight"], "--on, --relight and --alone say how an --edit is drawn"),
+        (["--stabilise", "scene"], "--stabilise and --clip go together"),
+        (["--stabilise", "sky", "--clip", "tiny"], "--stabilise sky is not scene, object or X,Y,WIDTH,HEIGHT"),
+        (["--stabilise", "scene@9", "--clip", "tiny"], "the frame of reference, 9, must be within 0 .. 7"),
+        (["--stabilise", "99,9,3,3", "--clip", "tiny"], "--stabilise 99,9,3,3@0 lies outside of the frame"),
+        (["--stabilise", "scene", "--clip", "tiny", "--overlay", "a.npz"], "leave one out"),
+        (["--stabilise", "scene", "--clip", "tiny", "--transforms", "a.doc"], "does not end as a file of tracks does"),
+        (["--border", "crop"], "say how the clip is held still; give --stabilise"),
+    ],
+)
+def test_bad_edits_and_stabilisation_are_one_sentence_and_write_nothing(
+    sliding: Path,
+    tiny_clip: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    sentence: str,
+):
+    folder = sliding.parent
+    monkeypatch.chdir(folder)
+    shutil.copytree(tiny_clip, folder / "tiny", dirs_exist_ok=True)
+    before = sorted(folder.rglob("*"))
+    assert run("model.onnx", "--out", "new", *arguments) == 2
+    printed = capsys.readouterr()
+    assert sentence in printed.err
+    assert printed.err.count("Error") == 1
+    assert printed.out == ""
+    assert sorted(folder.rglob("*")) == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -196,7 +297,7 @@ def test_the_clip_without_its_objects(
         (["--frames", "4:9"], "--frames 4:9 must select frames within 0:6"),
         (["--size", "0"], "must have a whole number of pixels, got 0"),
         (["--remove-objects"], "--remove-objects and --clip go together"),
-        (["--clip", "slide"], "--remove-objects and --clip go together"),
+        (["--clip", "slide"], "--clip goes together with one of --remove-objects, --edit, --stabilise"),
         (["--remove-objects", "--clip", "slide", "--layer", "mask"], "leave out --layer and --size"),
         (["--remove-objects", "--clip", "slide", "--size", "9"], "leave out --layer and --size"),
         (["--remove-objects", "--clip", "no"], "no does not exist"),
