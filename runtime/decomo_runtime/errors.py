@@ -43,3 +43,7 @@ class RenderError(RuntimeInputError):
 
 class ViewError(RuntimeInputError):
     """The page cannot be served at that port, or options contradict each other."""
+
+
+class AnnotationError(RuntimeInputError):
+    """What was drawn is of another clip or frame, is damaged, or does not say what is needed to carry it."""
