@@ -28,6 +28,9 @@ COMMANDS = (
     Command("convert", "decomo_runtime.convert_cli", "convert", "Bring tracks into the files of other tools."),
     Command("flow", "decomo_runtime.flow.cli", "flow", "Write where all pixels of a frame are in others."),
     Command(
+        "propagate", "decomo_runtime.propagation.cli", "propagate", "Carry what is drawn on a few frames to all others."
+    ),
+    Command(
         "render", "decomo_runtime.render_cli", "render", "Render static scene and objects, or the clip without them."
     ),
     Command("view", "decomo_runtime.view.cli", "view", "Look at a model in the browser: a click draws a path."),

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from decomo_runtime.dense import Dense
     from decomo_runtime.errors import (
+        AnnotationError,
         FlowError,
         ModelFileError,
         OverlayError,
@@ -33,12 +34,15 @@ if TYPE_CHECKING:
     from decomo_runtime.layers import render
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.propagation.carrying import propagate
+    from decomo_runtime.propagation.folder import propagate_files
     from decomo_runtime.removal import remove_objects
     from decomo_runtime.tracker import Tracker
     from decomo_runtime.tracks import Tracks
 
 __all__ = [
     "About",
+    "AnnotationError",
     "Appearance",
     "Dense",
     "FlowError",
@@ -55,6 +59,8 @@ __all__ = [
     "TracksFileError",
     "ViewError",
     "convert",
+    "propagate",
+    "propagate_files",
     "remove_objects",
     "render",
     "write_flow",
@@ -68,6 +74,8 @@ _HOMES = {
     "Tracker": "tracker",
     "Tracks": "tracks",
     "convert": "formats.convert",
+    "propagate": "propagation.carrying",
+    "propagate_files": "propagation.folder",
     "remove_objects": "removal",
     "render": "layers",
     "write_flow": "flow.folder",

@@ -28,19 +28,16 @@ class Finding:
     drawn: bool
     """Whether it is what was drawn, unchanged."""
     confidence: float
-    """From 0 to 1; 0 where it has no place: a gap."""
+    """From 0 to 1."""
+    gap: bool
+    """Whether it has no place in the frame."""
     in_sight: float
     """Share of its points in sight from an annotated frame."""
     disagreement: float | None
-    """Of a region 1 - IoU, of points and boxes pixels, between what two annotated frames say of what both have in sight;
+    """Between what two annotated frames say of what both have in sight: of a region 1 - IoU, of points and boxes pixels;
     None where no two have."""
     between: tuple[int, int] | None
     """The two frames."""
-
-    @property
-    def gap(self) -> bool:
-        """Whether the object has no place in the frame."""
-        return not self.drawn and self.confidence == 0
 
 
 def propagate(
@@ -146,13 +143,13 @@ def _of_points(placed: Placed, thing: int, frame: int, kind: Kind) -> list[Shape
 
 def _finding(region: Carried, frame: int, thing: int, kind: Kind, drawn: bool) -> Finding:
     confidence, sight = (1.0, 1.0) if drawn else (region.confidence, region.in_sight)
-    return Finding(frame, thing, kind, drawn, confidence, sight, region.disagreement, region.between)
+    gap = not drawn and not region.mask.any()
+    return Finding(frame, thing, kind, drawn, confidence, gap, sight, region.disagreement, region.between)
 
 
 def _finding_of_points(placed: Placed, frame: int, thing: int, kind: Kind, drawn: bool) -> Finding:
     apart = float(placed.disagreement[frame])
     pair = None if np.isnan(apart) else (int(placed.between[frame, 0]), int(placed.between[frame, 1]))
-    there = bool(np.isfinite(placed.xy[:, frame]).all(axis=-1).any())
-    confidence = 1.0 if drawn else float(placed.confidence[frame]) if there else 0.0
-    sight = 1.0 if drawn else float(placed.in_sight[frame])
-    return Finding(frame, thing, kind, drawn, confidence, sight, None if pair is None else apart, pair)
+    gap = not drawn and not np.isfinite(placed.xy[:, frame]).all(axis=-1).any()
+    confidence, sight = (1.0, 1.0) if drawn else (float(placed.confidence[frame]), float(placed.in_sight[frame]))
+    return Finding(frame, thing, kind, drawn, confidence, gap, sight, None if pair is None else apart, pair)

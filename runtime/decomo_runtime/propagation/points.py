@@ -45,9 +45,7 @@ class Placed:
     """[M, 2], the two frames."""
 
 
-def carry_points(
-    tracker: Tracker, drawn: Mapping[int, tuple[Floats, Mask]], frames: npt.NDArray[np.int64]
-) -> Placed:
+def carry_points(tracker: Tracker, drawn: Mapping[int, tuple[Floats, Mask]], frames: npt.NDArray[np.int64]) -> Placed:
     """Points [P, 2] drawn in some frames, nan where one is not told, with which are hidden there [P].
 
     A hidden point is followed only where it is drawn in sight nowhere. The place in a frame is by the annotated frame

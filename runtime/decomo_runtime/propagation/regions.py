@@ -39,6 +39,8 @@ OWNER, COLOURS = 0.7, 0.6
 """Weights of what the looks say."""
 SUREST = 0.95
 """Chance that a single one of the three may give."""
+FALL = 2.0
+"""Power by which an annotated frame's word counts less as the expected error grows, in units."""
 LEAST_COMMON = 16
 """Pixels of the raster that two annotated frames must both have on an object to be compared."""
 
@@ -120,7 +122,7 @@ class Regions:
             said.append({number: _at(share, x, y) for number, share in masks.items()})
             shown = (1 - tracks.occlusion[:, column] / facts.occlusion_threshold).clip(0, 1) * inside
             error = np.zeros(len(shown)) if tracks.error is None else tracks.error[:, column] / whole
-            sight[column], sure[column] = shown.reshape(size), (1 / (1 + error) ** 2).reshape(size)
+            sight[column], sure[column] = shown.reshape(size), ((1 + error) ** -FALL).reshape(size)
         return said, sight, sure
 
     def _votes(self, said: Sequence[Mapping[int, Floats]], sight: Floats, sure: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""COCO: an annotation for each object and image, with a segmentation (polygons or run lengths), keypoints or a box alone.
+"""COCO: an annotation for each object and image: a segmentation (polygons or run lengths), keypoints, or a box alone.
 
 Corners and boxes begin at a pixel's border, keypoints are pixels with centres at whole numbers
 (`decomo_runtime/formats/coco.py`). Objects are told apart by `track_id`, else by category, else, in a single image, by

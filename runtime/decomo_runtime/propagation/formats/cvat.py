@@ -56,7 +56,7 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
     return Annotation(clip.size, tuple(things), tuple(shapes), top.find("meta"))
 
 
-def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list[Shape]]], clip: ClipFacts) -> None:
+def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list[Shape]]], _: ClipFacts) -> None:
     """`annotations.xml`."""
     top = Element("annotations")
     ElementTree.SubElement(top, "version").text = "1.1"
@@ -95,8 +95,8 @@ def _entry(shape: Shape, frame: int) -> Element:
     hidden = bool(shape.occluded.all()) if shape.kind == Kind.POINTS else False
     about = {"frame": str(frame), "keyframe": "1", "outside": "0", "occluded": str(int(hidden)), "z_order": "0"}
     if shape.kind == Kind.BOX:
-        (left, top), (right, bottom) = shape.xy + 0.5
-        about |= {name: f"{value:.2f}" for name, value in zip(("xtl", "ytl", "xbr", "ybr"), (left, top, right, bottom))}
+        corners = (shape.xy + 0.5).ravel()
+        about |= {name: f"{value:.2f}" for name, value in zip(("xtl", "ytl", "xbr", "ybr"), corners, strict=True)}
     elif shape.mask is not None and shape.kind == Kind.MASK:
         about |= _encoded(shape.mask)
     else:

@@ -73,9 +73,7 @@ def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list
         (folder / f"{Path(image).stem}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _shape(
-    path: Path, kind: Kind, entries: list[dict[str, Any]], thing: int, frame: int, clip: ClipFacts
-) -> Shape:
+def _shape(path: Path, kind: Kind, entries: list[dict[str, Any]], thing: int, frame: int, clip: ClipFacts) -> Shape:
     corners = [np.asarray(entry["points"], np.float64).reshape(-1, 2) - 0.5 for entry in entries]
     if kind == Kind.POLYGON:
         return asked.region(path, thing, frame, corners, clip)
