@@ -58,17 +58,13 @@ def chained(masks: Mask, frames: AnyFrames) -> Iterator[Mask]:
 
     fields = FlowBaseline("chain").fields(frames)
     yield masks[0]
-    place: npt.NDArray[np.float32] | None = None
     height, width = masks.shape[1:]
+    rows, columns = fields(1, 0).shape[:2]
+    start = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float32)
+    place, scale = start, np.array([width / columns, height / rows], np.float32)
     for frame in range(1, len(masks)):
-        back = fields(frame, frame - 1)
-        rows, columns = back.shape[:2]
-        if place is None:
-            place = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float32)
-            start = place.copy()
-        there = start + back
-        place = bilinear(place, there.reshape(1, -1, 2))[0].reshape(there.shape).astype(np.float32)
-        scale = np.array([width / columns, height / rows], np.float32)
+        there = (start + fields(frame, frame - 1)).reshape(-1, 2)
+        place = bilinear(place, there).reshape(start.shape).astype(np.float32)
         full = _resized((place + 0.5) * scale - 0.5, (width, height))
         column, row = np.rint(full).astype(int).clip(0, (width - 1, height - 1)).transpose(2, 0, 1)
         yield masks[0][row, column]

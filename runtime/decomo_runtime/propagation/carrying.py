@@ -34,8 +34,8 @@ class Finding:
     in_sight: float
     """Share of its points in sight from an annotated frame."""
     disagreement: float | None
-    """Between what two annotated frames say of what both have in sight: of a region 1 - IoU, of points and boxes pixels;
-    None where no two have."""
+    """Between what two annotated frames say of what both have in sight: of a region 1 - IoU, of points and boxes
+    pixels; None where no two have."""
     between: tuple[int, int] | None
     """The two frames."""
 

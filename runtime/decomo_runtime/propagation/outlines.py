@@ -30,7 +30,9 @@ def filled(polygons: Sequence[Floats], size: tuple[int, int]) -> Mask:
             canvas = np.zeros((height * FINE, width * FINE), np.uint8)
             corners = ((polygon - low + 0.5) * FINE - 0.5) * 2**4
             cv2.fillPoly(canvas, [np.rint(corners).astype(np.int32)], (1,), shift=4)
-            within = canvas.reshape(height, FINE, width, FINE).mean(axis=(1, 3)) >= 0.5
+            within = (
+                canvas.reshape(height, FINE, width, FINE).mean(axis=(1, 3)) > 0.5
+            )  # what is touched counts: half is more
             mask[low[1] : high[1], low[0] : high[0]] |= within
     return mask
 

@@ -74,7 +74,7 @@ def carry_points(tracker: Tracker, drawn: Mapping[int, tuple[Floats, Mask]], fra
     limit = np.array([tracker.width, tracker.height]) - 0.5
     gone = ~((chosen >= -0.5) & (chosen <= limit)).all(axis=-1)
     chosen[gone], occluded[gone], trust[gone] = np.nan, True, 0
-    asked = np.isfinite(xy).all(axis=-1).any(axis=(0, 2))
+    asked = np.isfinite(xy).all(axis=-1).any(axis=-1).any(axis=0)
     share = (~occluded[asked]).mean(axis=0) if asked.any() else np.zeros(length)
     confidence = trust[asked].mean(axis=0) if asked.any() else np.zeros(length)
     disagreement, between = _disagreement(annotated, xy, hidden)
@@ -110,7 +110,7 @@ def carry_box(tracker: Tracker, drawn: Mapping[int, Floats], frames: npt.NDArray
     gone = ~(placed[1] > placed[0]).all(axis=-1)
     placed[:, gone] = np.nan
     share, confidence = (np.where(gone, 0, each[best, columns]) for each in (shares, trust))
-    disagreement, between = _disagreement(annotated, xy, np.isnan(xy).any(axis=-1))
+    disagreement, between = _disagreement(annotated, xy, np.isnan(xy[..., 0]))
     return Placed(placed, np.repeat(gone[None], 2, axis=0), confidence.clip(0, 1), share, disagreement, between)
 
 

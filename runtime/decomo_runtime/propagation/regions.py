@@ -141,7 +141,7 @@ class Regions:
 
     def _at_full_size(self, frame: int, chances: Floats, picture: Floats) -> tuple[npt.NDArray[np.int32], Floats]:
         """[H, W], the likeliest class and its chance."""
-        full = None if self._frames is None else self._frames[frame].astype(np.float32) / 255
+        full = None if self._frames is None else self._frames[frame].astype(np.float32) / np.float32(255)
         filtered = Guide(picture, picture if full is None else full)
         labels = np.zeros((self._tracker.height, self._tracker.width), np.int32)
         best = np.zeros(labels.shape, np.float32)
@@ -178,7 +178,7 @@ class Regions:
         """[h, w, 3], RGB in [0, 1]: the clip's, or what the model renders."""
         if self._frames is None:
             return seen.rgb.reshape(*self._size, 3).clip(0, 1).astype(np.float32)
-        return self._shrunk(self._frames[frame].astype(np.float32) / 255)
+        return self._shrunk(self._frames[frame]) / np.float32(255)
 
     def _raster(self, values: Floats) -> Floats:
         return values.reshape(self._size)

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float32]
 
-RADIUS = 4
-"""Of a window, in pixels of the small raster."""
+RADIUS = 1 / 72
+"""Of a window, as a share of the raster's longer side; a pixel of the small raster at least."""
 SMOOTH = 1e-4
 """Variance of colours, in [0, 1], below which a window is flat."""
 
@@ -28,25 +28,28 @@ class Guide:
 
     def __init__(self, small: Floats, full: Floats) -> None:
         self._small, self._full = small, full
-        self._mean = _mean(small)
-        products = _mean((small[..., :, None] * small[..., None, :]).reshape(*small.shape[:2], 9))
+        self._window = 2 * max(1, round(RADIUS * max(small.shape[:2]))) + 1
+        self._mean = self._averaged(small)
+        products = self._averaged((small[..., :, None] * small[..., None, :]).reshape(*small.shape[:2], 9))
         spread = products.reshape(*small.shape[:2], 3, 3) - self._mean[..., :, None] * self._mean[..., None, :]
         self._inverse = np.linalg.inv(spread + SMOOTH * np.eye(3, dtype=np.float32))
 
     def __call__(self, soft: Floats) -> Floats:
         """`soft` [h, w] in [0, 1] at the picture's own size, its rim on the picture's edges; [H, W] in [0, 1]."""
-        mean = _mean(soft)
-        together = _mean(self._small * soft[..., None]) - self._mean * mean[..., None]
+        mean = self._averaged(soft)
+        together = self._averaged(self._small * soft[..., None]) - self._mean * mean[..., None]
         slope = (self._inverse @ together[..., None])[..., 0]
         offset = mean - (slope * self._mean).sum(axis=-1)
         height, width = self._full.shape[:2]
-        line = cv2.resize(_mean(np.dstack([slope, offset])), (width, height), interpolation=cv2.INTER_LINEAR)
+        line = cv2.resize(
+            self._averaged(np.dstack([slope, offset]).astype(np.float32)),
+            (width, height),
+            interpolation=cv2.INTER_LINEAR,
+        )
         return ((line[..., :3] * self._full).sum(axis=-1) + line[..., 3]).clip(0, 1).astype(np.float32)
 
-
-def _mean(image: Floats) -> Floats:
-    """Of each window; channel by channel, as OpenCV takes no more than four."""
-    side = 2 * RADIUS + 1
-    planes = image.reshape(*image.shape[:2], -1)
-    means = [cv2.blur(np.ascontiguousarray(plane), (side, side)) for plane in np.moveaxis(planes, -1, 0)]
-    return np.stack(means, axis=-1).reshape(image.shape).astype(np.float32, copy=False)
+    def _averaged(self, image: Floats) -> Floats:
+        """The mean of each window; channel by channel, as OpenCV takes no more than four."""
+        planes = np.moveaxis(image.reshape(*image.shape[:2], -1), -1, 0)
+        means = [cv2.blur(np.ascontiguousarray(plane), (self._window, self._window)) for plane in planes]
+        return np.stack(means, axis=-1).reshape(image.shape).astype(np.float32, copy=False)

@@ -68,8 +68,8 @@ def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list
                 number += 1
                 mine = [shape for shape in shapes if shape.thing == thing]
                 source = annotation.things[thing].source
-                ids = {"id": number, "image_id": frame + 1, "track_id": thing + 1} | source
-                line = json.dumps(ids | _entry(mine), allow_nan=False)
+                ids = {"id": number, "image_id": frame + 1, "track_id": thing + 1}
+                line = json.dumps({**ids, **source, **_entry(mine)}, allow_nan=False)
                 file.write(("\n" if number == 1 else ",\n") + line)
         file.write("\n]}\n")
 
@@ -135,7 +135,7 @@ def _entry(shapes: Sequence[Shape]) -> dict[str, Any]:
         elif shape.mask is not None:
             entry |= {"segmentation": _encoded(shape.mask), "iscrowd": 1}
     shape = next((each for each in shapes if each.kind != Kind.POINTS), shapes[0])
-    low, high = asked.bounds(shape) + 0.5
+    low, high = (corner + 0.5 for corner in asked.bounds(shape))
     area = float(np.prod(high - low)) if shape.mask is None else float(shape.mask.sum())
     score = round(min(each.confidence for each in shapes), 4)
     return entry | {"bbox": _rounded(np.concatenate([low, high - low])), "area": round(area, _DECIMALS), "score": score}

@@ -38,8 +38,8 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
         raise AnnotationError(f"{path} is not of CVAT for video; export the task as 'CVAT for video 1.1'")
     size = top.find(".//original_size")
     if size is not None:
-        sides = (int(size.findtext(side, "0")) for side in ("width", "height"))
-        asked.same_size(path, *sides, clip)
+        width, height = (int(size.findtext(side, "0")) for side in ("width", "height"))
+        asked.same_size(path, width, height, clip)
     things, shapes = [], []
     for number, track in enumerate(top.iter("track")):
         kept = dict(track.attrib)

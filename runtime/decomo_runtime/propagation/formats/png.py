@@ -8,10 +8,12 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
 import av
+import av.error
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -70,12 +72,12 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels")
     try:
         if content[25] == 3:  # its colour type: by a palette
-            with av.open(io.BytesIO(content), format="png_pipe") as container:
+            with av.open(io.BytesIO(content), "r", format="png_pipe") as container:
                 decoded = next(container.decode(video=0)).to_ndarray()
             labels, palette = cast("tuple[npt.NDArray[np.uint8], Palette]", decoded)
             return labels, _Look(palette, False)
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except (cv2.error, av.FFmpegError, StopIteration, IndexError) as error:
+    except (cv2.error, av.error.FFmpegError, StopIteration, IndexError) as error:
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels") from error
     if image is None:
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels")
@@ -87,14 +89,16 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
                 "palette"
             )
         image = colours[..., 0]
-    return image, _Look(None, image.dtype == np.uint16)
+    if image.dtype not in (np.uint8, np.uint16):
+        raise AnnotationError(f"{path} has values of {image.dtype}; save it as grey of 8 or 16 bits")
+    return cast("npt.NDArray[np.uint16]", image), _Look(None, image.dtype == np.uint16)
 
 
 def _encoded(labels: npt.NDArray[np.integer], palette: Palette | None) -> bytes:
     if palette is None:
-        return png(labels)  # pyright: ignore[reportArgumentType]
+        return png(cast("npt.NDArray[np.uint16]", labels))
     height, width = labels.shape
     encoder = cast("av.VideoCodecContext", av.CodecContext.create("png", "w"))
-    encoder.width, encoder.height, encoder.pix_fmt, encoder.framerate = width, height, "pal8", 1
+    encoder.width, encoder.height, encoder.pix_fmt, encoder.framerate = width, height, "pal8", Fraction(1)
     picture = av.VideoFrame.from_ndarray((labels.astype(np.uint8), palette), format="pal8")  # pyright: ignore
     return b"".join(bytes(packet) for packet in [*encoder.encode(picture), *encoder.encode(None)])
