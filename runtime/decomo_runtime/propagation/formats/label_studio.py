@@ -150,7 +150,7 @@ def _entries(shape: Shape, annotation: Annotation, frame: int) -> list[dict[str,
 
 
 def _image(task: dict[str, Any]) -> str:
-    return unquote(urlsplit(str(next(iter(task["data"].values())))).path)
+    return unquote(urlsplit(str(next(iter(task["data"].values()), ""))).path)
 
 
 def _labels(entry: dict[str, Any]) -> list[str]:
