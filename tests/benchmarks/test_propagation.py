@@ -48,7 +48,7 @@ def test_chained_flow_takes_a_mask_along():
 
 def test_a_table_has_each_clip_and_the_mean(tmp_path: Path):
     each = {"j": [0.5, 0.7], "f": [0.4, 0.4]}
-    records = {"goat": {"ways": {way: each for way in propagation.WAYS}}}
+    records = {"goat": {"ways": dict.fromkeys(propagation.WAYS, each)}}
     *_, goat, mean = propagation.table(records, {"goat": {"ways": {propagation.CHAINED: each}}})
     assert goat == "| goat | " + " | ".join(["0.600", "0.400"] * 4) + " |"
     assert mean.startswith("| mean of 1 | 0.600")

@@ -86,11 +86,12 @@ def test_two_objects_keep_their_numbers():
         assert overlap(found[1].mask, square_mask(frame) & ~moved) > 0.8
 
 
-def test_of_two_annotated_frames_the_nearer_speaks():
-    """The second annotation is of a smaller thing: near it the mask is smaller."""
+@pytest.mark.parametrize("reach", [5, 9])
+def test_of_two_annotated_frames_the_nearer_speaks(reach: int):
+    """The second annotation is of a smaller thing: near it the mask is smaller. Both may see all frames."""
     small = square_mask(7).copy()
     small[: HEIGHT // 2 + 2] = False
-    found = carried(annotation(square(0), Shape(0, 7, Kind.MASK, mask=small)), Fading(5))
+    found = carried(annotation(square(0), Shape(0, 7, Kind.MASK, mask=small)), Fading(reach))
     assert overlap(found[1][0][0].mask, square_mask(1)) > 0.9
     assert overlap(found[6][0][0].mask, square_mask(6)) < 0.75
 
@@ -129,6 +130,37 @@ def test_keypoints_follow_and_the_annotation_in_sight_is_asked():
     )
     np.testing.assert_allclose(near.xy[0, :, 0], [5, 7, 9, 11, 19, 21, 23, 25])
     assert not near.occluded.any()
+
+
+class Misled(Fading):
+    """Thinks to be surest of what is hidden."""
+
+    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
+        tracks = super().track(queries, frames)
+        assert tracks.error is not None
+        return replace(tracks, error=FRAMES - tracks.error)
+
+
+def test_an_annotation_that_has_a_point_in_sight_goes_before_a_surer_one():
+    place, seen = np.array([[5.0, 12.0]]), np.zeros(1, bool)
+    placed = carry_points(Misled(3), {0: (place, seen), 7: (place + np.array([20, 0]), seen)}, np.arange(FRAMES))  # type: ignore[arg-type]
+    np.testing.assert_allclose(placed.xy[0, :, 0], [5, 7, 9, 11, 19, 21, 23, 25])
+
+
+def test_a_guess_of_a_hidden_point_is_not_followed_where_it_is_drawn_in_sight():
+    place = np.array([[5.0, 12.0]])
+    drawn = {0: (place, np.zeros(1, bool)), 6: (place + np.array([20, 0]), np.ones(1, bool))}
+    placed = carry_points(TrueTracker(), drawn, np.arange(FRAMES))  # type: ignore[arg-type]
+    np.testing.assert_allclose(placed.xy[0, :, 0], 5 + 2 * np.arange(FRAMES))
+    assert np.isnan(placed.disagreement).all()
+
+
+def test_what_is_drawn_later_lies_on_top():
+    left = square_mask(0) & (np.indices(SIZE)[1] < 8)
+    below, above = square(0), Shape(1, 0, Kind.MASK, mask=left)
+    found = carried(annotation(below, above, things=2))[1][0]
+    assert overlap(found[1].mask, np.roll(left, 2, axis=1)) > 0.8
+    assert overlap(found[0].mask, square_mask(1) & ~np.roll(left, 2, axis=1)) > 0.8
 
 
 def test_keypoints_that_disagree_do_so_in_pixels():

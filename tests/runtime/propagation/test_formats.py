@@ -270,6 +270,15 @@ def test_shapes_that_nothing_tells_apart_are_refused(tmp_path: Path):
         registry.read([(path, None) for path in paths], CLIP)
     with pytest.raises(AnnotationError, match="a second time in frame 0"):
         registry.read([(paths[0].with_name(name), None) for name in (one(tmp_path, "a"), one(tmp_path, "b"))], CLIP)
+    masked = [{"label": "a", "group_id": 1, "shape_type": "polygon", "points": SQUARE}]
+    content = coco()
+    content["annotations"] = [entry | {"track_id": 9} for entry in content["annotations"][:1]]
+    first = save(tmp_path / "first.json", content)
+    content["annotations"] = [coco()["annotations"][1] | {"track_id": 9}]
+    second = save(tmp_path / "second.json", content)
+    with pytest.raises(AnnotationError, match="a mask in one frame and a polygon in another"):
+        registry.read([(first, 0), (second, 1)], CLIP)
+    assert len(read(save(tmp_path / "one.json", labelme(shapes=masked * 2))).things) == 1
     with pytest.raises(AnnotationError, match="several formats"):
         registry.read([(paths[0], None), (save(tmp_path / "a.xml", CVAT), None)], CLIP)
 

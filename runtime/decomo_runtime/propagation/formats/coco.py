@@ -128,7 +128,7 @@ def _entry(shapes: Sequence[Shape]) -> dict[str, Any]:
         if shape.kind == Kind.POINTS:
             told = np.isfinite(shape.xy).all(axis=1)
             seen = np.where(told, np.where(shape.occluded, HIDDEN, IN_SIGHT), 0)
-            values = np.column_stack([np.where(told[:, None], shape.xy, 0), seen])
+            values = np.column_stack([np.where(np.isfinite(shape.xy), shape.xy, 0), seen])
             entry |= {"keypoints": _rounded(values), "num_keypoints": int(told.sum())}
         elif shape.mask is not None and shape.kind == Kind.POLYGON:
             entry["segmentation"] = [_rounded(each + 0.5) for each in shape.polygons or outlines(shape.mask)]
