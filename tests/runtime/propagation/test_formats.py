@@ -21,7 +21,9 @@ from decomo_runtime.propagation.cli import main
 from decomo_runtime.propagation.formats import registry
 from decomo_runtime.propagation.formats.asked import ClipFacts
 from decomo_runtime.propagation.shapes import Annotation, Kind, Shape
+from decomotion.windows import FILE_NAME, Windows, split
 from tiny_fit import FRAMES, HEIGHT, WIDTH, sliding_square, write_frames
+from tiny_model import VELOCITY, write_tiny_model
 from true_tracker import TrueTracker, square_mask
 
 FILES = [f"{frame:05d}.jpg" for frame in range(FRAMES)]
@@ -312,6 +314,22 @@ def test_bad_input_leaves_nothing(tmp_path: Path, model_path: Path, capsys: Any)
     assert main([str(model_path), "--from", f"{tmp_path}/a.png@6", "--out", str(tmp_path / "out")]) == 2
     assert "is of frame 6 but the clip has frames 0 to 5" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_clips_of_several_windows(tmp_path: Path):
+    windows = split(10, [], 6)
+    for window in windows:
+        write_tiny_model(tmp_path / "models" / f"{window.name}.onnx", num_frames=len(window), height=30, width=44)
+    Windows("walk", 10, 30, 44, 25.0, windows).save(tmp_path / "models" / FILE_NAME)
+    shapes = [{"label": "nose", "points": [[10.5, 20.5]], "shape_type": "point"}]
+    shapes.append({"label": "body", "points": [[5, 15], [20, 15], [20, 25]], "shape_type": "polygon"})
+    path = save(tmp_path / "a.json", labelme(shapes=shapes, imageHeight=30, imageWidth=44))
+    assert main([str(tmp_path / "models"), "--from", f"{path}@0", "--out", str(tmp_path / "out")]) == 0
+    files = sorted((tmp_path / "out").glob("*.json"))
+    assert len(files) == 10
+    found = {entry["label"]: entry for entry in json.loads(files[9].read_text())["shapes"]}
+    np.testing.assert_allclose(found["nose"]["points"], [np.array([10.5, 20.5]) + 9 * np.array(VELOCITY)])
+    assert len((tmp_path / "out" / "report.csv").read_text().splitlines()) == 1 + 2 * 10
 
 
 def test_python_does_what_the_command_does(tmp_path: Path):
