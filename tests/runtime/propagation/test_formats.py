@@ -157,6 +157,19 @@ def test_pycocotools_reads_masks_as_we_do(tmp_path: Path):
     assert points["keypoints"] == [5, 12, 2, 30, 3, 1, 0, 0, 0]
 
 
+def test_categories_of_all_files_are_kept(tmp_path: Path):
+    one, other = coco(), coco(categories=[{"id": 8, "name": "other"}])
+    other["images"][0] |= {"frame_id": 1, "file_name": "00001.jpg"}
+    attributes = {"attributes": {"colour": "red"}, "iscrowd": 1}
+    other["annotations"] = [one["annotations"][1] | attributes | {"category_id": 8, "track_id": 1}]
+    folder = written(save(tmp_path / "a.json", one), tmp_path / "out", save(tmp_path / "b.json", other))
+    top = json.loads((folder / "annotations.json").read_text())
+    assert [each["id"] for each in top["categories"]] == [3, 4, 8]
+    last = top["annotations"][-1]
+    assert last["segmentation"]["counts"] == [2, 3, HEIGHT * WIDTH - 5]
+    assert {name: last[name] for name in attributes} == attributes
+
+
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 def test_run_lengths_in_a_string_are_read(tmp_path: Path):
     tool = consumer("pycocotools.mask")
@@ -183,6 +196,16 @@ def test_cvat_is_told_where_an_object_is_gone(tmp_path: Path):
     folder = written(save(tmp_path / "a.xml", CVAT), tmp_path / "out")
     tracks = {each.get("id"): list(each) for each in ElementTree.parse(folder / "annotations.xml").iter("track")}
     assert [(each.get("frame"), each.get("outside")) for each in tracks["5"]] == [("2", "0"), ("3", "1")]
+
+
+def test_cvat_s_points_are_all_there_or_outside(tmp_path: Path):
+    text = CVAT.replace('points="5.5,12.5"', 'points="5.5,12.5;2.5,3.5"')
+    propagate_files(TrueTracker(), [save(tmp_path / "a.xml", text)], tmp_path / "out")  # type: ignore[arg-type]
+    tracks = {
+        each.get("id"): list(each) for each in ElementTree.parse(tmp_path / "out" / "annotations.xml").iter("track")
+    }
+    assert [each.get("outside") for each in tracks["6"]] == ["0", "0", "0", "1"]
+    assert tracks["6"][2].get("points") == "9.50,12.50;0.50,3.50"
 
 
 def test_a_label_studio_video_counts_from_one(tmp_path: Path):

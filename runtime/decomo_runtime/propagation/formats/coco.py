@@ -24,6 +24,8 @@ from decomo_runtime.propagation.shapes import Annotation, Kind, Mask, Shape, Thi
 
 FILE = "annotations.json"
 _DECIMALS = 2
+_KEPT = ("category_id", "track_id", "attributes", "iscrowd")
+"""Of an object's first annotation in all that are written."""
 
 
 def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Annotation:
@@ -44,11 +46,13 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
     for entry, key in zip(entries, keys, strict=True):
         category = categories[entry["category_id"]]
         if key not in things:
-            kept = {name: entry[name] for name in ("category_id", "track_id") if name in entry}
+            kept = {name: entry[name] for name in _KEPT if name in entry}
             names = tuple(map(str, category.get("keypoints", ())))
-            things[key] = Thing(key, str(category.get("name", category["id"])), names, kept)
+            things[key] = Thing(
+                key, str(category.get("name", category["id"])), names, {"entry": kept, "category": category}
+            )
         shapes += _shapes(path, entry, list(things).index(key), frame_of[entry["image_id"]], clip)
-    rest = {name: top[name] for name in ("info", "licenses", "categories") if name in top}
+    rest = {name: top[name] for name in ("info", "licenses") if name in top} | {"categories": list(categories.values())}
     return Annotation(clip.size, tuple(things.values()), tuple(shapes), rest)
 
 
@@ -61,14 +65,17 @@ def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list
     ]
     number = 0
     with open(folder / FILE, "w", encoding="utf-8") as file:
-        head = json.dumps(annotation.source | {"images": images})
+        categories = {each["id"]: each for each in annotation.source["categories"]}
+        for thing in annotation.things:  # of several files each has its own
+            categories.setdefault(thing.source["category"]["id"], thing.source["category"])
+        head = json.dumps(annotation.source | {"images": images, "categories": list(categories.values())})
         file.write(f'{head[:-1]}, "annotations": [')
         for frame, shapes in frames:
             for thing in sorted({shape.thing for shape in shapes}):
                 number += 1
                 mine = [shape for shape in shapes if shape.thing == thing]
-                source = annotation.things[thing].source
-                ids = {"id": number, "image_id": frame + 1, "track_id": thing + 1}
+                source = annotation.things[thing].source["entry"]
+                ids = {"id": number, "image_id": frame + 1, "track_id": thing + 1, "iscrowd": 0}
                 line = json.dumps({**ids, **source, **_entry(mine)}, allow_nan=False)
                 file.write(("\n" if number == 1 else ",\n") + line)
         file.write("\n]}\n")
@@ -123,7 +130,7 @@ def _shapes(path: Path, entry: dict[str, Any], thing: int, frame: int, clip: Cli
 
 
 def _entry(shapes: Sequence[Shape]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"iscrowd": 0}
+    entry: dict[str, Any] = {}
     for shape in shapes:
         if shape.kind == Kind.POINTS:
             told = np.isfinite(shape.xy).all(axis=1)
@@ -133,7 +140,7 @@ def _entry(shapes: Sequence[Shape]) -> dict[str, Any]:
         elif shape.mask is not None and shape.kind == Kind.POLYGON:
             entry["segmentation"] = [_rounded(each + 0.5) for each in shape.polygons or outlines(shape.mask)]
         elif shape.mask is not None:
-            entry |= {"segmentation": _encoded(shape.mask), "iscrowd": 1}
+            entry["segmentation"] = _encoded(shape.mask)
     shape = next((each for each in shapes if each.kind != Kind.POINTS), shapes[0])
     low, high = (corner + 0.5 for corner in asked.bounds(shape))
     area = float(np.prod(high - low)) if shape.mask is None else float(shape.mask.sum())

@@ -1,7 +1,7 @@
 """CVAT for video 1.1: an XML file with a track for each object. Corners begin at a pixel's border.
 
 What CVAT has interpolated between keyframes is not read: the model does that. Every frame that is written is a
-keyframe; where an object has no place, it is `outside`. A polygon has one part, the largest. CVAT has no room for a
+keyframe; where an object has no place, or one of its points has none, it is `outside`. A polygon has one part, the largest. CVAT has no room for a
 confidence.
 """
 
@@ -64,7 +64,7 @@ def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list
         top.append(annotation.source)
     tracks = [ElementTree.SubElement(top, "track", thing.source["track"]) for thing in annotation.things]
     for frame, shapes in frames:
-        there = {shape.thing: shape for shape in shapes}
+        there = {shape.thing: shape for shape in shapes if np.isfinite(shape.xy).all()}
         for number, track in enumerate(tracks):
             if number in there:
                 track.append(_entry(there[number], frame))
@@ -101,7 +101,7 @@ def _entry(shape: Shape, frame: int) -> Element:
         about |= _encoded(shape.mask)
     else:
         xy = shape.xy if shape.mask is None else (list(shape.polygons) or outlines(shape.mask))[0]
-        about["points"] = ";".join(f"{x + 0.5:.2f},{y + 0.5:.2f}" for x, y in xy[np.isfinite(xy).all(axis=1)])
+        about["points"] = ";".join(f"{x + 0.5:.2f},{y + 0.5:.2f}" for x, y in xy)
     return Element(_WORDS[shape.kind], about)
 
 
