@@ -13,7 +13,7 @@ Mask = npt.NDArray[np.bool_]
 
 FINE = 4
 """Parts of a pixel, either way, by which it is told how much of it lies within."""
-SLACK = 0.5
+SLACK = 1.0
 """Pixels that an outline may leave its mask's rim, so that it has few corners."""
 MOST = 2**15
 """Pixels; no corner is farther from the frame."""

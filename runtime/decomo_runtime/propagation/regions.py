@@ -41,6 +41,8 @@ SUREST = 0.95
 """Chance that a single one of the three may give."""
 FALL = 2.0
 """Power by which an annotated frame's word counts less as the expected error grows, in units."""
+SPECK = 1 / 200
+"""Parts of a mask that are smaller than this share of its largest are left out."""
 LEAST_COMMON = 16
 """Pixels of the raster that two annotated frames must both have on an object to be compared."""
 
@@ -161,7 +163,7 @@ class Regions:
         said: Sequence[Mapping[int, Floats]],
         in_sight: Mask,
     ) -> Carried:
-        mask = labels == number + 1
+        mask = without_specks(labels == number + 1)
         most: tuple[float, tuple[int, int] | None] = (-1.0, None)
         speaking = [column for column, masks in enumerate(said) if number in masks]
         for one, other in combinations(speaking, 2):
@@ -190,6 +192,15 @@ class Regions:
     def _enlarged(self, image: Floats) -> Floats:
         size = self._tracker.width, self._tracker.height
         return cv2.resize(image, size, interpolation=cv2.INTER_LINEAR).astype(np.float32, copy=False)
+
+
+def without_specks(mask: Mask) -> Mask:
+    """[H, W], the mask without what is tiny beside its largest part."""
+    count, parts, about, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = about[1:, cv2.CC_STAT_AREA]
+    kept = np.zeros(count, bool)
+    kept[1:] = areas >= SPECK * areas.max(initial=0)
+    return kept[parts]
 
 
 def _at_most_sure(chances: Floats) -> Floats:

@@ -1,8 +1,8 @@
 """CVAT for video 1.1: an XML file with a track for each object. Corners begin at a pixel's border.
 
 What CVAT has interpolated between keyframes is not read: the model does that. Every frame that is written is a
-keyframe; where an object has no place, or one of its points has none, it is `outside`. A polygon has one part, the largest. CVAT has no room for a
-confidence.
+keyframe; where an object has no place, or one of its points has none, it is `outside`. A polygon has one part, the
+largest. CVAT has no room for a confidence.
 """
 
 from __future__ import annotations
