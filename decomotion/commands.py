@@ -29,6 +29,9 @@ COMMANDS = (
     Command("flow", "decomo_runtime.flow.cli", "flow", "Write where all pixels of a frame are in others."),
     Command("measure", "decomo_runtime.measure.cli", "measure", "Measure motion and strain, in units of length."),
     Command(
+        "propagate", "decomo_runtime.propagation.cli", "propagate", "Carry what is drawn on a few frames to all others."
+    ),
+    Command(
         "render", "decomo_runtime.render_cli", "render", "Render static scene and objects, or the clip without them."
     ),
     Command("view", "decomo_runtime.view.cli", "view", "Look at a model in the browser: a click draws a path."),

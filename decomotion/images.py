@@ -21,8 +21,8 @@ EXIF, ORIENTATION, LAST_UPRIGHT = 0xE1, 0x112, 4
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
 
 
-def png(image: npt.NDArray[np.uint8]) -> bytes:
-    """The file of a picture: grey [H, W], RGB [H, W, 3] or RGBA [H, W, 4]."""
+def png(image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
+    """The file of a picture of 8 or 16 bits: grey [H, W], RGB [H, W, 3] or RGBA [H, W, 4]."""
     return _encoded(".png", image, ())
 
 
@@ -122,7 +122,7 @@ def _segments(content: bytes) -> Iterator[tuple[int, int]]:
         place += 2 + length
 
 
-def _encoded(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int]) -> bytes:
+def _encoded(suffix: str, image: npt.NDArray[np.uint8] | npt.NDArray[np.uint16], options: Sequence[int]) -> bytes:
     ordered = image if image.ndim == 2 else cv2.cvtColor(image, _ORDERS[image.shape[2]])
     done, encoded = cv2.imencode(suffix, ordered, list(options))
     if not done:

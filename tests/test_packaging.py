@@ -53,8 +53,16 @@ def test_a_wrong_shape_fails_in_tests():
 def test_readme_begins_with_two_one_line_commands():
     main_job, tests = shell_blocks(README)[0]
     assert "'.[train]'" in main_job
-    further = ("decomo-prepare", "decomo-convert", "decomo-flow", "decomo-measure", "decomo-render")
-    further += ("decomo-view", "decomo-bench")
+    further = (
+        "decomo-prepare",
+        "decomo-convert",
+        "decomo-flow",
+        "decomo-propagate",
+        "decomo-measure",
+        "decomo-render",
+        "decomo-view",
+        "decomo-bench",
+    )
     assert all(command in main_job for command in COMMANDS if command not in further)
     assert "'.[dev]'" in tests
     assert tests.endswith("pytest")

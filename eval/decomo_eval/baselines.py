@@ -84,7 +84,11 @@ class FlowBaseline:
         """Tracks of the queries; what leaves the image is hidden. Raises `EvalError` where there is but one frame."""
         if video.num_frames < 2:
             raise EvalError(f"video {video.name} has one frame and flow needs two; name the others by --videos")
-        return track(self._method, queries, Fields(video.frames(), self._estimate), self._data)
+        return track(self._method, queries, self.fields(video.frames()), self._data)
+
+    def fields(self, frames: AnyFrames) -> Fields:
+        """Flow between any two of `frames` [T, H, W, 3], RGB, as this baseline has it."""
+        return Fields(frames, self._estimate)
 
 
 class Fields:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from decomo_runtime.dense import Dense
     from decomo_runtime.edits import Edit, draw_edits, read_edit
     from decomo_runtime.errors import (
+        AnnotationError,
         FlowError,
         MeasureError,
         ModelFileError,
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from decomo_runtime.measure.units import Scale
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.propagation.carrying import propagate
+    from decomo_runtime.propagation.folder import propagate_files
     from decomo_runtime.removal import remove_objects
     from decomo_runtime.stabilisation import Stabilisation, stabilise
     from decomo_runtime.still_pictures import draw_stabilised
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "About",
+    "AnnotationError",
     "Appearance",
     "Dense",
     "Edit",
@@ -79,6 +83,8 @@ __all__ = [
     "measure_maps",
     "measure_points",
     "measure_region",
+    "propagate",
+    "propagate_files",
     "raster_over",
     "read_edit",
     "remove_objects",
@@ -108,6 +114,8 @@ _HOMES = {
     "measure_maps": "measure.maps",
     "measure_points": "measure.points",
     "measure_region": "measure.region",
+    "propagate": "propagation.carrying",
+    "propagate_files": "propagation.folder",
     "raster_over": "measure.maps",
     "read_edit": "edits",
     "remove_objects": "removal",

@@ -47,3 +47,7 @@ class ViewError(RuntimeInputError):
 
 class MeasureError(RuntimeInputError):
     """What is to be measured does not exist, or units, rates and sizes of a measurement contradict each other."""
+
+
+class AnnotationError(RuntimeInputError):
+    """What was drawn is of another clip or frame, is damaged, or does not say what is needed to carry it."""

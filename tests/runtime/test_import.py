@@ -41,7 +41,7 @@ def test_unknown_name():
 
 def test_errors_are_one_family_and_builtins():
     errors = [getattr(decomo_runtime, name) for name in decomo_runtime.__all__ if name.endswith("Error")]
-    assert len(errors) == 11
+    assert len(errors) == 12
     for error in errors:
         assert issubclass(error, decomo_runtime.RuntimeInputError)
         assert issubclass(error, InputError)

@@ -86,7 +86,7 @@ def read_keypoints(path: Path, files: Sequence[str] = (), first: int | None = No
             if any(each.get("keypoints", ())) and each["image_id"] in images and not each.get("iscrowd")
         ]
         labels = {each["id"]: _labels(each) for each in content["categories"]}
-        frames = _frames(path, [images[each["image_id"]] for each in annotations], files, first)
+        frames = frames_of(path, [images[each["image_id"]] for each in annotations], files, first)
         return _keypoints(path, annotations, labels, frames)
     except QueryError:
         raise
@@ -103,7 +103,8 @@ def _labels(category: dict[str, Any]) -> tuple[str, list[str]]:
     return str(category.get("name", category["id"])), [str(name) for name in category.get("keypoints", ())]
 
 
-def _frames(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str], first: int | None) -> list[int]:
+def frames_of(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str], first: int | None) -> list[int]:
+    """Of each image its frame, as `read_keypoints` says; `QueryError` where that is not told."""
     if all("frame_id" in image for image in images):
         return [int(image["frame_id"]) for image in images]
     names = [Path(image["file_name"]).name for image in images]
