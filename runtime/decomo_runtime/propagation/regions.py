@@ -200,7 +200,7 @@ def without_specks(mask: Mask) -> Mask:
     areas = about[1:, cv2.CC_STAT_AREA]
     kept = np.zeros(count, bool)
     kept[1:] = areas >= SPECK * areas.max(initial=0)
-    return kept[parts]
+    return kept[parts.astype(np.int64)]
 
 
 def _at_most_sure(chances: Floats) -> Floats:
