@@ -12,8 +12,8 @@
     splits          {query mode: {static | dynamic | visible | reappeared | out_of_frame: {metric: value, count}}}
 
 `footage.py` writes `<name>/<part>/<clip>.json` with the budget in words and figures of each part
-(`full_length.py`, `scenery.py`, `crossing.py`), `propagation.py` likewise with `ways`, of each J and F; a fit that several
-parts ask has a record of its own, in `fits`.
+(`full_length.py`, `scenery.py`, `crossing.py`), `propagation.py` likewise with `ways`, of each J and F; a fit that
+several parts ask has a record of its own, in `fits`.
 
 A metric that is not defined (nothing to count) is null.
 """
