@@ -122,6 +122,7 @@ class TapNext(Tapir):
         true = place(way * step, way * begin, xy)
         true[step < begin] = -100
         logits = torch.where(hidden(way * step, way * begin), -2.0, 2.0)
+        logits[step < begin] = 2.0
         after = SimpleNamespace(shown=shown, points=points)
         return in_raster(true, self.side).flip(-1)[None, None], None, logits[None, None, :, None], after
 
@@ -163,7 +164,7 @@ def clip_of(frames: int) -> Clip:
     return read_clip("clip")
 
 
-def run(title: str, across: int, starts: int) -> dict[str, np.ndarray]:
+def run(title: str, across: int, starts: int) -> dict[str, Any]:
     """What the section's script saves of the clip, in `tracks.npz`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["links.py", "clip", "tracks.npz"])
@@ -235,6 +236,23 @@ def test_cotracker_s_own_grid_has_no_queries():
 
 
 @pytest.mark.usefixtures("trackers")
+@pytest.mark.parametrize("title", TRACKERS)
+def test_as_many_tracks_as_frames_the_other_way_round_are_refused(title: str):
+    """The names say which axis is which: nothing is guessed."""
+    clip = clip_of(6)
+    content = run(title, *GRIDS[1][1:])
+    points = 2 if title == "CoTracker3" else 1
+    for name, array in content.items():
+        if array.ndim > 2:
+            content[name] = np.roll(array, 1, points).swapaxes(1, 2)
+        elif array.ndim == 2:  # rolled, so that no track begins on the diagonal, which both ways share
+            content[name] = np.roll(array, 1, 0)
+    np.savez("tracks.npz", **content)
+    with pytest.raises(SupervisionError, match="from their own queries"):
+        read_tracks("tracks.npz", clip)
+
+
+@pytest.mark.usefixtures("trackers")
 def test_pixels_of_frames_of_a_size_that_the_file_names():
     """Of CoTracker's and our layout, whose pixel centres lie at integers."""
     clip, (xy, _) = clip_of(7), truth(*GRIDS[0])
@@ -244,8 +262,7 @@ def test_pixels_of_frames_of_a_size_that_the_file_names():
         {"pred_tracks": doubled.swapaxes(0, 1), "pred_visibility": np.ones(xy.shape[1::-1])},
     )
     for content in layouts:
-        content |= {"width": 2 * WIDTH, "height": 2 * HEIGHT}
-        np.savez("tracks.npz", **content)
+        np.savez("tracks.npz", **content, width=2 * WIDTH, height=2 * HEIGHT)
         np.testing.assert_allclose(read_tracks("tracks.npz", clip).xy, xy, atol=1e-4)
 
 
@@ -267,7 +284,7 @@ def test_pixels_of_frames_of_a_size_that_the_file_names():
 )
 def test_what_does_not_fit_is_refused(title: str, change: dict[str, Any], message: str):
     clip = clip_of(7)
-    content: dict[str, Any] = run(title, *GRIDS[0][1:])
+    content = run(title, *GRIDS[0][1:])
     for name, value in change.items():
         content[name] = content[name][..., ::-1] if isinstance(value, str) else value
     np.savez("tracks.npz", **{name: value for name, value in content.items() if value is not None})
