@@ -39,6 +39,7 @@ GROUND_FLOOR = [
     "decomotion.pseudo_depth",
     "decomotion.quality",
     "decomotion.times",
+    "decomotion.tracker_files",
     "decomotion.units",
     "decomotion.windows",
 ]

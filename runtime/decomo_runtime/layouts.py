@@ -13,10 +13,9 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.tracks import Tracks
+from decomotion.tracker_files import COTRACKER_VISIBLE
 
 RASTER_SIZE = 256
-COTRACKER_VISIBLE = 0.6
-"""Visibility above which CoTracker's own evaluation takes a point for visible (its `Evaluator.compute_metrics`)."""
 
 
 @dataclass(frozen=True, eq=False)

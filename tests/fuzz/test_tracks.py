@@ -218,9 +218,14 @@ SQUARE = {
     "occluded": np.zeros((FRAMES, FRAMES), bool),
     "queries": np.column_stack([np.arange(FRAMES), XY.mean(0)]),
 }
+COTRACKER = {"queries": QUERIES, "pred_tracks": XY.swapaxes(0, 1), "pred_visibility": ~OCCLUDED.T}
+TAPNET = {
+    **{"query_points": QUERIES[:, [0, 2, 1]], "tracks": XY, "occlusion": np.where(OCCLUDED, 5.0, -5.0)},
+    **{"expected_dist": np.full(OCCLUDED.shape, -5.0), "width": np.array(WIDTH), "height": np.array(HEIGHT)},
+}
 
 
-@given(content=files(SUPERVISION, SQUARE))
+@given(content=files(SUPERVISION, SQUARE, COTRACKER, TAPNET))
 def test_tracks_of_the_user(place: Path, content: bytes):
     (place / "a.npz").write_bytes(content)
     tracks = answer(lambda: read_tracks(place / "a.npz", CLIP), SupervisionError)
@@ -251,6 +256,19 @@ def test_tracks_of_the_user(place: Path, content: bytes):
 def test_tracks_of_the_user_are_refused(place: Path, changes: Arrays, reason: str):
     (place / "a.npz").write_bytes(npz({**SUPERVISION, **changes}))
     with pytest.raises(SupervisionError, match=reason):
+        read_tracks(place / "a.npz", CLIP)
+
+
+@pytest.mark.parametrize("content", [SUPERVISION, SQUARE, COTRACKER, TAPNET])
+def test_whole_tracks_of_the_user_are_read(place: Path, content: Arrays):
+    (place / "a.npz").write_bytes(npz(content))
+    assert len(read_tracks(place / "a.npz", CLIP)) == len(content["tracks" if "tracks" in content else "queries"])
+
+
+@pytest.mark.parametrize("size", [np.inf, np.nan, 0, -1, 0.5, [40, 40]])
+def test_tracks_of_the_user_of_frames_of_no_size(place: Path, size: Any):
+    (place / "a.npz").write_bytes(npz({**TAPNET, "width": np.array(size)}))
+    with pytest.raises(SupervisionError, match="both width and height"):
         read_tracks(place / "a.npz", CLIP)
 
 

@@ -12,9 +12,12 @@ import numpy.typing as npt
 from decomotion.arrays import read_npz
 from decomotion.clip import Clip
 from decomotion.errors import SupervisionError
+from decomotion.tracker_files import asked_points, cotracker, is_cotracker, is_tapnet, tapnet
 
 TYPES = {"tracks": np.float32, "occluded": np.bool_, "queries": np.float64, "confidence": np.float32}
-"""The arrays that are read, and what they become."""
+"""Our arrays, and what they become."""
+OTHERS = {"pred_tracks", "pred_visibility", "query_points", "visibles", "occlusion", "expected_dist", "pred_occluded"}
+"""Those of other trackers' layouts besides (`decomotion/tracker_files.py`)."""
 QUERY_TOLERANCE = 0.05
 """Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
 
@@ -45,19 +48,13 @@ class UserTracks:
 
 
 def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
-    """The tracks in a `.npz` file: `tracks`, `occluded`, optionally `queries` and `confidence` (`docs/formats.md`).
+    """The tracks in a `.npz` file, in our layout, CoTracker's or TAPNet's (`docs/formats.md`).
 
     Raises `SupervisionError` where the file is none, or does not fit the clip.
     """
-    where = f"--tracks {path}"
-    arrays = _read(Path(path), where)
-    for name in ("tracks", "occluded"):
-        if name not in arrays:
-            raise SupervisionError(f"{where} has no array {name!r}; it must have 'tracks' and 'occluded', [N, T, …]")
-    frames, queries = len(clip), arrays.get("queries")
-    if queries is not None:
-        _check_queries(queries, frames, where)
-    arrays = _point_first_of_square(arrays, frames, queries)
+    where, frames = f"--tracks {path}", len(clip)
+    arrays = _typed(_in_clip(_read(Path(path), where), clip, where), where)
+    queries = arrays.get("queries")
     tracks = _point_first(arrays["tracks"], 3, frames, f"{where}: tracks")
     if tracks.shape[2] != 2:
         raise SupervisionError(f"{where}: tracks is {list(tracks.shape)}; it must be [N, T, 2], (x, y) in pixels")
@@ -89,11 +86,72 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
 def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
     if not path.is_file():
         raise SupervisionError(f"{where} does not exist; give an .npz file")
-    arrays = read_npz(path, SupervisionError, TYPES, remedy="save it with numpy.savez")
+    arrays = read_npz(path, SupervisionError, {*TYPES, *OTHERS, "width", "height"}, remedy="save it with numpy.savez")
     for name, array in arrays.items():
         if array.dtype.kind not in "biuf":
             raise SupervisionError(f"{where}: {name} holds {array.dtype}; it must hold numbers")
-    if "occluded" in arrays and not np.isin(arrays["occluded"], (0, 1)).all():
+    return arrays
+
+
+def _in_clip(content: dict[str, npt.NDArray], clip: Clip, where: str) -> dict[str, npt.NDArray]:
+    """Our arrays, whatever the file's layout, in pixels of the clip."""
+    arrays = _unpacked(content, len(clip), where)
+    scale = np.array([clip.width, clip.height]) / _size(content, clip, where)
+    begin = 0.0 if is_tapnet(content) else -0.5  # where the image begins in the file's pixels
+
+    def placed(xy: npt.NDArray) -> npt.NDArray:
+        with np.errstate(over="ignore"):  # what is not finite is found later
+            return (xy.astype(np.float64) - begin) * scale - 0.5
+
+    if arrays["tracks"].shape[-1:] == (2,):
+        arrays["tracks"] = placed(arrays["tracks"])
+    if "queries" in arrays:
+        arrays["queries"] = np.column_stack([arrays["queries"][:, 0], placed(arrays["queries"][:, 1:])])
+    return arrays
+
+
+def _unpacked(content: dict[str, npt.NDArray], frames: int, where: str) -> dict[str, npt.NDArray]:
+    """Our arrays in the file's pixels: with as many tracks as frames, points first where that can be told.
+
+    Queries are checked against the frames.
+    """
+    others = is_cotracker(content) or is_tapnet(content)
+    if others:
+        unpack = cotracker if is_cotracker(content) else tapnet
+        tracks, occluded = unpack(where, content, SupervisionError)
+        arrays = {"tracks": tracks, "occluded": occluded}
+        if is_tapnet(content) or "queries" in content:
+            arrays["queries"] = asked_points(where, content, SupervisionError)
+    else:
+        arrays = {name: array for name, array in content.items() if name in TYPES}
+        for name in ("tracks", "occluded"):
+            if name not in arrays:
+                raise SupervisionError(
+                    f"{where} has no array {name!r}; it must have 'tracks' and 'occluded', [N, T, …]"
+                )
+    queries = arrays.get("queries")
+    if queries is not None:
+        _check_queries(queries, frames, where)
+    return arrays if others else _point_first_of_square(arrays, frames, queries)
+
+
+def _size(content: dict[str, npt.NDArray], clip: Clip, where: str) -> npt.NDArray:
+    """(width, height) of the frames that the file's pixels are of: named in it, or the clip's where nobody resizes."""
+    sides = [content[name] for name in ("width", "height") if name in content]
+    if len(sides) == 2 and all(side.size == 1 and 1 <= side.item() < np.inf for side in sides):
+        return np.array([side.item() for side in sides], np.float64)
+    if sides:
+        raise SupervisionError(f"{where} must hold both width and height, as positive numbers, or neither")
+    if is_tapnet(content):
+        raise SupervisionError(
+            f"{where} is in TAPNet's layout and does not say of which size the frames were that the tracker saw; "
+            "save width and height, 256 and 256 for instance, beside query_points"
+        )
+    return np.array([clip.width, clip.height], np.float64)
+
+
+def _typed(arrays: dict[str, npt.NDArray], where: str) -> dict[str, npt.NDArray]:
+    if not np.isin(arrays["occluded"], (0, 1)).all():
         raise SupervisionError(f"{where}: occluded must be true or false; compare a score with its threshold first")
     with np.errstate(over="ignore"):  # what float32 does not hold is not finite
         return {name: array.astype(TYPES[name]) for name, array in arrays.items()}
