@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from decomo_runtime import dense
 from decomo_runtime.errors import MeasureError
 from decomo_runtime.measure.smoothing import Smoothing
 from decomo_runtime.measure.units import Scale, recorded_times
-from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.refinement import refine
 from decomo_runtime.tracks import Tracks
@@ -23,21 +23,12 @@ PIECE = 2048
 """Points that are followed at once."""
 
 
-class AnyTracker(Protocol):
+class AnyTracker(dense.AnyTracker, Protocol):
     """What is asked of a `Tracker`."""
-
-    @property
-    def facts(self) -> ModelFacts:
-        """Of the clip and its model."""
-        ...
 
     @property
     def times(self) -> npt.NDArray[np.float64]:
         """[T], seconds of each frame of the clip."""
-        ...
-
-    def track(self, queries: npt.ArrayLike, frames: npt.ArrayLike | None = None) -> Tracks:
-        """Follows `queries` [N, 3] to `frames` [M]."""
         ...
 
     def on_object(self, queries: npt.ArrayLike) -> npt.NDArray[np.bool_]:

@@ -22,6 +22,8 @@ ACROSS = 12
 """Points across the shorter side of a box."""
 LEAST = 4
 """Points of a box in sight that its place is told by."""
+HIDDEN = 1e6
+"""Pixels of expected error that a hidden place costs: any that is in sight is preferred."""
 OWNED = 0.25
 """Share of a box from which on what moves by itself in it is what the box is of."""
 
@@ -66,7 +68,7 @@ def carry_points(tracker: Tracker, drawn: Mapping[int, tuple[Floats, Mask]], fra
         tracks = tracker.track(queries, frames)
         error = np.abs(frames - frame)[None] if tracks.error is None else tracks.error
         xy[row, asked], score[row, asked], hidden[row, asked] = tracks.xy, tracks.occlusion, tracks.occluded
-        cost[row, asked] = error + np.where(tracks.occluded, 1e6, 0)
+        cost[row, asked] = error + np.where(tracks.occluded, HIDDEN, 0)
     best = cost.argmin(axis=0)[None]
     chosen = np.take_along_axis(xy, best[..., None], axis=0)[0]
     occluded = np.take_along_axis(hidden, best, axis=0)[0]
