@@ -72,7 +72,13 @@ _FORMS = {
         {"crf": "20", "b": "0", "auto-alt-ref": "0", "row-mt": "1", "cpu-used": "3"},  # alpha bars alt-ref frames
         tells_aspect=False,  # PyAV has no way to
     ),
-    ".mov": _Form("mov", "prores_ks", "yuv444p10le", "yuva444p10le", {"profile": "4444", "vendor": "apl0"}),
+    ".mov": _Form(
+        "mov",
+        "prores_ks",
+        "yuv444p10le",
+        "yuva444p10le",
+        {"profile": "4444", "vendor": "apl0", "threads": "1"},  # its threads share the buffer of blocks at the border
+    ),
 }
 
 

@@ -172,6 +172,16 @@ def test_video_with_alpha(tmp_path: Path, suffix: str, codec: str, decoder: str,
         np.testing.assert_allclose(image[10, 50, :3], RED, atol=8)  # 8-bit YUV and the encoder's loss
 
 
+def test_alpha_is_kept_up_to_a_border_inside_a_block(tmp_path: Path):
+    alpha = np.zeros((480, 854), np.uint8)
+    alpha[100:400, 50:300] = 255
+    frame = np.dstack([np.full((480, 854, 3), 90, np.uint8), alpha])
+    write_video(tmp_path / "alpha.mov", [frame] * 8, 24)
+    with av.open(str(tmp_path / "alpha.mov")) as container:
+        for decoded in container.decode(video=0):
+            np.testing.assert_allclose(decoded.to_ndarray(format="rgba")[..., 3], alpha, atol=1)
+
+
 @pytest.mark.parametrize("suffix", [".webm", ".mov"])
 def test_the_other_forms_take_rgb_too(tmp_path: Path, suffix: str):
     write_video(tmp_path / f"a{suffix}", [two_colours()] * 2, 24.0)
