@@ -70,10 +70,15 @@ def fit(
         stopping: says when to stop between two steps, and save; by default nobody does, and Ctrl-C leaves the last
             checkpoint.
 
-    Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
+    Returns:
+        the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
 
-    Raises: `ClipError` where the clip cannot be read or has cuts, `SupervisionError`, `CheckpointError`;
-        `TrainingError` where a loss is not a number, `KeyboardInterrupt` where it was told to stop.
+    Raises:
+        ClipError: the clip cannot be read, or has cuts.
+        SupervisionError: what the fit should learn from cannot be made or read.
+        CheckpointError: there is nothing to resume, or what is there is of another clip.
+        TrainingError: a loss is not a number.
+        KeyboardInterrupt: it was told to stop.
     """
     begin = time.monotonic()
     clip = clip if isinstance(clip, Clip) else read_clip(clip)

@@ -67,9 +67,10 @@ def export(
         force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`, or
             from torch by more than `parity.LIMIT_PIXELS`.
 
-    Raises: `CheckpointError` where there is no run; `ExportError` where `path` is not named `.onnx`, the run is of
-        several windows or was stopped before its first step, or where the file disagrees with torch, or with float32 by
-        more than is allowed; then nothing is written.
+    Raises:
+        CheckpointError: there is no run.
+        ExportError: `path` is not named `.onnx`, the run is of several windows or was stopped before its first step, or
+            the file disagrees with torch, or with float32 by more than is allowed; then nothing is written.
     """
     if Path(path).suffix.lower() != SUFFIX:
         raise ExportError(f"{path} must end in {SUFFIX}")
