@@ -1,6 +1,7 @@
 """What the site does to pages that are read on GitHub too: links to files outside of `docs/` become their names.
 
-The site holds `docs/` alone, and a link that leaves it would lead nowhere. Where `mkdocs.yml` has a `repo_url`, it leads there.
+The site holds `docs/` alone, and a link that leaves it would lead nowhere. Where `mkdocs.yml` has a `repo_url`, it
+leads there.
 """
 
 from __future__ import annotations
@@ -9,13 +10,12 @@ import posixpath
 import re
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
 
 LINK = re.compile(r"(?<!!)\[(?P<text>[^\]]+)\]\((?P<target>(?:\.\./)+[^)#\s]*)(?P<anchor>#[^)\s]*)?\)")
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, **_: object) -> str:
     """The page's text with each link that leaves `docs/` brought to the repository, or to its words."""
 
     def within(link: re.Match[str]) -> str:
