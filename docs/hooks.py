@@ -1,6 +1,6 @@
 """What the site makes of pages that are read on GitHub too.
 
-Links to files outside of `docs/` would lead nowhere: they lead to the `repo_url` of `mkdocs.yml`, or become words alone.
+Links to files outside of `docs/` would lead nowhere: they lead to the `repo_url` of `mkdocs.yml`, or become mere words.
 The page of commands gets a section for each command of the table.
 """
 

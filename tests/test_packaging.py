@@ -21,6 +21,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 HATCH = PYPROJECT["tool"]["hatch"]["build"]
 COMMANDS = PYPROJECT["project"]["scripts"]
 README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def shell_blocks(markdown: str) -> list[list[str]]:
@@ -79,8 +80,7 @@ def test_ci_runs_the_readme_s_test_command():
 
 def documented_options(command: str) -> set[str]:
     """The options with which `command` stands in the shell blocks of the README and docs/."""
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
-    lines = [line for page in pages for block in shell_blocks(page.read_text()) for line in block]
+    lines = [line for page in PAGES for block in shell_blocks(page.read_text()) for line in block]
     calls = [shlex.split(call, comments=True) for line in lines for call in re.split(r"&&|\||\s--\s", line)]
     calls = [[f"decomo-{call[1]}", *call[2:]] if call[:1] == ["decomo"] and call[1:] else call for call in calls]
     return {word for call in calls if call[:1] == [command] for word in call[1:] if word.startswith("--")}
@@ -95,9 +95,15 @@ def test_documented_options_exist(command: str, capsys: pytest.CaptureFixture[st
     assert documented_options(command) <= existing
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
-)
-def test_links_lead_somewhere(page: str):
-    targets = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text())
-    assert [target for target in targets if not ((ROOT / page).parent / target).exists()] == []
+def anchors(page: Path) -> set[str]:
+    """Of its headings, as GitHub and the site make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(page: Path):
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text()):
+        path = page.parent / target if target else page
+        assert path.exists(), target
+        assert not anchor or anchor in anchors(path), f"{target}#{anchor}"

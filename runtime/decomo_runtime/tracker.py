@@ -43,9 +43,11 @@ class Tracker:
         self, path: str | os.PathLike[str], *, providers: Providers | str | None = None, threads: int | None = None
     ) -> None:
         self.path = Path(path)
+        """As it was given."""
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._models = WindowModels(self.path, partial(Model, providers=providers, threads=threads))
         self.facts = self._models.facts
+        """What the file says of its clip."""
 
     @property
     def clip_name(self) -> str:
