@@ -36,7 +36,7 @@ def volumes(axes: Axes) -> None:
     arrow(axes, (5.4, 3.47), (10.6, 1.95), OBJECT)
     dot(axes, 10.8, 1.8)
     axes.text(3.3, 3.2, "to canonical space", ha="center", fontsize=9.5, color=OBJECT)
-    axes.text(9.1, 3.6, "and out of it, by the map of frame 30", ha="center", fontsize=9.5, color=OBJECT)
+    axes.text(9.55, 3.6, "and out of it, by the map of frame 30", ha="center", fontsize=9.5, color=OBJECT)
     axes.text(1.25, 0.55, "the pixel asked for", ha="center", fontsize=9, color=POINT)
     axes.text(10.55, 0.55, "where it is there", ha="center", fontsize=9, color=POINT)
     axes.set(xlim=(-0.2, 12.0), ylim=(-1.05, 4.65))
@@ -78,7 +78,7 @@ def occlusion(axes: Axes) -> None:
         home, there = (left + 1.0, 1.0), (left + 5.1, 1.15)
         if not seen:
             axes.add_patch(Rectangle((left + 4.75, 0.35), 0.8, 1.35, color=SCENE, alpha=0.85, zorder=2))
-            axes.text(left + 5.15, 0.12, "something in front", ha="center", fontsize=8.5, color=SCENE)
+            axes.text(left + 5.3, 0.1, "in front of it", ha="center", fontsize=8.5, color=SCENE)
         curve(axes, home, there, POINT, 0.28)
         back = (home[0] + 0.16, home[1] - 0.12) if seen else (left + 1.95, 0.5)
         curve(axes, there, back, SOFT, 0.28)
@@ -115,7 +115,7 @@ def windows(axes: Axes) -> None:
         mark(axes, 97, y, INK, size=7, filled=False)
     axes.text(40, 2.72, "asked here", ha="center", fontsize=9, color=POINT)
     axes.text(170, 0.68, "answered here", ha="center", fontsize=9, color=POINT)
-    axes.text(66, 1.12, "crosses where it is\nbest in sight", ha="center", fontsize=9.5, color=INK)
+    axes.text(60, 1.12, "crosses where it is\nbest in sight", ha="center", fontsize=9.5, color=INK)
     for t in range(0, 301, 50):
         axes.plot([t, t], [0.2, 0.3], color=SOFT, lw=1)
         axes.text(t, -0.12, str(t), ha="center", fontsize=9, color=SOFT)
@@ -125,10 +125,10 @@ def windows(axes: Axes) -> None:
 
 
 DRAWINGS: dict[str, tuple[Callable[[Axes], None], tuple[float, float]]] = {
-    "volumes": (volumes, (9.5, 4.5)),
-    "links": (links, (9.5, 2.6)),
-    "occlusion": (occlusion, (9.5, 2.9)),
-    "windows": (windows, (9.5, 2.6)),
+    "volumes": (volumes, (8.2, 4.0)),
+    "links": (links, (8.2, 2.5)),
+    "occlusion": (occlusion, (8.2, 2.7)),
+    "windows": (windows, (8.2, 2.5)),
 }
 
 
