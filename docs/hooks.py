@@ -47,5 +47,5 @@ def section(command: Command) -> str:
     :command: {command.function}
     :prog_name: decomo-{command.name}
     :depth: 1
-    :style: table
+    :style: plain
 """
