@@ -97,7 +97,8 @@ def test_documented_options_exist(command: str, capsys: pytest.CaptureFixture[st
 
 def anchors(page: Path) -> set[str]:
     """Of its headings, as GitHub and the site make them."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
