@@ -1,9 +1,9 @@
 """Figures of benchmarks beside TAP-Vid's, each as the benchmark's own code counts it, to be compared with its tables.
 
 Axes: n track, t frame, of one video, each track asked in the frame in which it is first visible (the query mode
-`first`). Positions are (x, y) pixels of TAP-Vid's 256x256 raster, in which most thresholds are; where it is said, of a
-raster of 512x384, to which the codes of EgoPoints and BADJA bring the frames. Figures are shares, 0..1, but for those of
-`IN_PIXELS`, which are pixels at 256x256; nan where there is nothing to count.
+`first`). Positions are (x, y) pixels of TAP-Vid's 256x256 raster, in which most thresholds are; where it is said, they
+are of a raster of 512x384, to which the codes of EgoPoints and BADJA bring the frames. Figures are shares, 0..1, but
+those of `IN_PIXELS`, which are pixels at 256x256; nan where there is nothing to count.
 """
 
 from __future__ import annotations

@@ -30,8 +30,8 @@ def redetection(
         J_D = TP / (visible + FP),
 
     TP the frames in which the point is visible, predicted visible and at most D pixels off, FP the others in which it
-    is predicted visible. J_D is averaged over the events with d >= m, then over D in 1, 2, 4, 8, 16, then over m in 1, 4,
-    16, 64, 256 as far as there are such events.
+    is predicted visible. J_D is averaged over the events with d >= m, then over D in 1, 2, 4, 8, 16, then over m in 1,
+    4, 16, 64, 256 as far as there are such events.
 
     The query's frame does not matter, as in the published function (`compute_redetection_metrics` of TAPNext++, Google
     DeepMind's tapnet): where a point is first visible after the video's begin, that, too, is an event.

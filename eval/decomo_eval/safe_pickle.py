@@ -61,6 +61,7 @@ class StandIn:
     __slots__ = ("_make",)
 
     def __init__(self, make: Callable[..., Any]) -> None:
+        """Of what is called in the place of the name."""
         self._make = make
 
     def __call__(self, *args: Any) -> Any:

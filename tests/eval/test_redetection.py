@@ -12,7 +12,7 @@ from decomo_eval.redetection import ABSENCES, redetection
 
 
 def twin(hidden: np.ndarray, true: np.ndarray, told_hidden: np.ndarray, tracks: np.ndarray) -> dict[str, float]:
-    """Of one video, the way of the published function: events, those that are longer than all before, their Jaccards."""
+    """Of one video, the way of the published function: events longer than all before, their Jaccards."""
     events: list[tuple[int, dict[int, float]]] = []
     for n in range(len(hidden)):
         longest = -1

@@ -5,10 +5,10 @@
     trajectories of a frame         a dict of tensors saved by torch: traj_2d [N, 3], (x, y, depth) in pixels, x from 0
                                     to the width, and verts_inds_vis [N], whether each is visible
 
-Points as in CoTracker's reader (`dr_dataset.py`): the left camera's first 300 frames; a point outside 0 to width - 1 and
-0 to height - 1 is hidden; those visible in more than ten frames are kept. Of a sequence 256 are asked for, here evenly
-spaced ones where theirs are drawn by chance, and each where it is first visible, where theirs are asked for in frame 0
-also if they are hidden there.
+Points as in CoTracker's reader (`dr_dataset.py`): the left camera's first 300 frames; a point outside 0 to width - 1
+and 0 to height - 1 is hidden; those visible in more than ten frames are kept. Of a sequence 256 are asked for, here
+evenly spaced ones where theirs are drawn by chance, and each where it is first visible, where theirs are asked for in
+frame 0 also if they are hidden there.
 """
 
 from __future__ import annotations
