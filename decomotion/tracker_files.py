@@ -79,9 +79,7 @@ def _cotracker(where: str, content: Arrays, error: type[InputError]) -> tuple[np
             raise error(f"{where} has {key}, CoTracker's, and pred_trajectory, Track-On's; leave one of them out")
         key = "pred_trajectory"
         if not np.isin(visibility, (0, 1)).all():
-            raise error(
-                f"{where} must hold true or false as pred_visibility beside pred_trajectory, as Track-On has it"
-            )
+            raise error(f"{where} must hold true or false as pred_visibility beside pred_trajectory, Track-On's")
     tracks = np.swapaxes(of_one_video(where, content, key, 3, error), 0, 1)
     return tracks, ~(visibility if visibility.dtype == bool else visibility > COTRACKER_VISIBLE).T
 
@@ -91,8 +89,8 @@ def _tapnext(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.
     tracks = of_one_video(where, content, "tracks", 3, error)
     if logits.shape[2] != 1 or tracks.shape[2] != 2:
         raise error(
-            f"{where} has tracks {list(tracks.shape)} and visible_logits {list(logits.shape)}; they must be [T, N, 2] and "
-            "[T, N, 1], as TAPNext returns them"
+            f"{where} has tracks {list(tracks.shape)} and visible_logits {list(logits.shape)}; they must be "
+            "[T, N, 2] and [T, N, 1], as TAPNext returns them"
         )
     return np.swapaxes(tracks, 0, 1)[..., ::-1], ~(logits[..., 0] > 0).T
 

@@ -119,7 +119,7 @@ def egopoints(
     distance = _distance(tracks, true)
     scale = np.array(INPUT_SIZE) / RASTER_SIZE
     xy, true_xy = tracks * scale, true * scale
-    inside = ((xy >= 0) & (xy <= INPUT_SIZE)).all(axis=-1)
+    inside = np.asarray(((xy >= 0) & (xy <= INPUT_SIZE)).all(axis=-1))
     lost = out_of_view & ~inside
     lost[:, 0] = False
     back = _after_last(out_of_view) & valid

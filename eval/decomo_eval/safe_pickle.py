@@ -65,6 +65,7 @@ class StandIn:
         self._make = make
 
     def __call__(self, *args: Any) -> Any:
+        """What the stand-in makes of the arguments."""
         return self._make(*args)
 
     def __setstate__(self, state: Any) -> None:

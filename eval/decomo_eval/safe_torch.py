@@ -119,7 +119,9 @@ def _member(archive: zipfile.ZipFile, name: str) -> bytes:
 
 
 def _read(archive: zipfile.ZipFile, root: str, tensor: _Tensor, order: str) -> npt.NDArray[Any]:
-    dtype = np.dtype(_TYPES[tensor.storage.type]).newbyteorder({"little": "<", "big": ">"}[order])
+    if order not in ("little", "big"):
+        raise ValueError(f"its bytes are in the order {order!r}")
+    dtype = np.dtype(_TYPES[tensor.storage.type]).newbyteorder(order)
     content = _member(archive, f"{root}data/{tensor.storage.key}")
     if len(content) != tensor.storage.length * dtype.itemsize:
         raise ValueError(f"a storage of {tensor.storage.length} values has {len(content)} bytes")

@@ -94,13 +94,13 @@ def test_a_shorter_absence_after_a_longer_one_is_no_event() -> None:
 
 
 def test_a_track_that_is_not_known_everywhere_has_no_event() -> None:
-    each = {key: value[None] for key, value in video(0).items()}
-    judged = np.ones(each["hidden"].shape, bool)
-    whole = redetection(*each.values())
-    np.testing.assert_equal(redetection(*each.values(), judged), whole)
+    hidden, true, told_hidden, tracks = (value[None] for value in video(0).values())
+    judged = np.ones(hidden.shape, bool)
+    whole = redetection(hidden, true, told_hidden, tracks)
+    np.testing.assert_equal(redetection(hidden, true, told_hidden, tracks, judged), whole)
     judged[0, 1:, 0] = False
-    alone = redetection(*(value[:, :1] for value in each.values()))
-    np.testing.assert_equal(redetection(*each.values(), judged), alone)
+    alone = redetection(*(array[:, :1] for array in (hidden, true, told_hidden, tracks)))
+    np.testing.assert_equal(redetection(hidden, true, told_hidden, tracks, judged), alone)
     assert alone["redetection_jaccard"] != whole["redetection_jaccard"]
 
 

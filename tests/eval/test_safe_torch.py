@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch._utils import _rebuild_tensor_v2
 
 from dataset_files import repacked
 from decomo_eval.errors import DatasetError, UnsafePickleError
@@ -102,7 +103,7 @@ def tensor(shape: Any, strides: Any, offset: Any = 0, length: Any = 6, key: Any 
             return ("storage", torch.FloatStorage, key, "cpu", length) if obj is storage else None
 
     storage, content = object(), io.BytesIO()
-    Pickler(content, 2).dump({"a": Named(torch._utils._rebuild_tensor_v2, storage, offset, shape, strides, False, {})})
+    Pickler(content, 2).dump({"a": Named(_rebuild_tensor_v2, storage, offset, shape, strides, False, {})})
     return content.getvalue()
 
 

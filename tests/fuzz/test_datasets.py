@@ -1,9 +1,10 @@
-"""PointOdyssey, EgoPoints, Dynamic Replica and BADJA: whatever a file of theirs holds, it is a video or one sentence."""
+"""PointOdyssey, EgoPoints, Dynamic Replica, BADJA: whatever a file of theirs holds, it is a video or one sentence."""
 
 from __future__ import annotations
 
 import gzip
 import json
+import pickle
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,14 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from test_pickles import programs
 
 import dataset_files
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError
 from decomo_eval.safe_torch import load_tensors
 from decomo_eval.video import Video
-from near_misses import answer, any_or_near, forged_npy, forged_zip, near_arrays, near_tree, npy, npz
+from near_misses import EXTREMES, answer, any_or_near, forged_npy, forged_zip, near_arrays, near_tree, npy, npz
 
 
 def check(root: Path) -> None:
@@ -38,6 +38,29 @@ def check(root: Path) -> None:
         assert figures is not None
         told = answer(lambda v=video, f=figures: f(v.points * 256, v.occluded), DatasetError)
         assert told is None or all(isinstance(value, float) for value in told.values())
+
+
+NAMES = (
+    *(("torch._utils", "_rebuild_tensor_v2"), ("torch", "FloatStorage"), ("torch", "BoolStorage")),
+    *(("torch", "Size"), ("collections", "OrderedDict"), ("near_misses", "detonate")),
+)
+PARTS = (
+    *(pickle.NONE, pickle.NEWTRUE, pickle.MARK, pickle.EMPTY_DICT, pickle.EMPTY_LIST, pickle.EMPTY_TUPLE),
+    *(pickle.REDUCE, pickle.BUILD, pickle.TUPLE, pickle.TUPLE1, pickle.TUPLE2, pickle.TUPLE3, pickle.BINPERSID),
+    *(pickle.APPEND, pickle.SETITEM, pickle.SETITEMS, pickle.DUP, pickle.POP, pickle.STOP, pickle.NEWOBJ, pickle.OBJ),
+    *(pickle.GLOBAL + f"{module}\n{name}\n".encode() for module, name in NAMES),
+    *(pickle.UNICODE + text.encode() + b"\n" for text in ("storage", "0", "cpu", "traj_2d", "verts_inds_vis")),
+    *(pickle.INT + f"{value}\n".encode() for value in EXTREMES),
+    *(pickle.BINGET + bytes([place]) for place in range(8)),
+)
+
+
+@st.composite
+def programs(draw: st.DrawFn, whole: bytes) -> bytes:
+    """A pickle of tensors with any sequence of instructions in the middle, or in the place of some of its bytes."""
+    parts = b"".join(draw(st.lists(st.sampled_from(PARTS), min_size=1, max_size=9)))
+    begin = draw(st.integers(2, len(whole)))
+    return whole[:begin] + parts + whole[draw(st.integers(begin, len(whole))) :]
 
 
 def archives(arrays: Mapping[str, Any]) -> st.SearchStrategy[bytes]:
@@ -90,7 +113,8 @@ def test_dynamic_replica_s_tensors(written: Written, data: st.DataObject):
     files = sorted(root.glob("*_left/trajectories/*.pth"))
     with zipfile.ZipFile(files[1]) as archive:
         members = [(name, archive.read(name)) for name in archive.namelist()]
-    content = data.draw(any_or_near(files[1].read_bytes()) | forged_zip(members, programs()))
+    program = next(content for name, content in members if name.endswith("data.pkl"))
+    content = data.draw(any_or_near(files[1].read_bytes()) | forged_zip(members, programs(program)))
     kept = files[0].read_bytes()
     files[0].write_bytes(content)
     answer(lambda: load_tensors(files[0], ("traj_2d", "verts_inds_vis")), DatasetError)

@@ -115,7 +115,7 @@ def _unpacked(content: dict[str, npt.NDArray], frames: int, where: str) -> dict[
     """
     others = unpacked(where, content, SupervisionError)
     if others is not None:
-        arrays = dict(zip(("tracks", "occluded"), others, strict=True))
+        arrays = {"tracks": others[0], "occluded": others[1]}
         if is_tapnet(content) or "queries" in content:
             arrays["queries"] = asked_points(where, content, SupervisionError)
     else:

@@ -106,9 +106,9 @@ def _read_sequence(name: str, files: Sequence[_Frame]) -> Video:
     frames = FrameFolder([frame.image for frame in files])
     width, height = size = frames.size
     xy, visible = _trajectories([frame.trajectories for frame in files])
-    finite = np.isfinite(xy).all(axis=2)
-    visible &= finite & ((xy >= 0) & (xy <= [width - 1, height - 1])).all(axis=2)
-    kept = visible.sum(axis=1) > LEAST_VISIBLE
+    finite = np.asarray(np.isfinite(xy).all(axis=2))
+    visible &= ((xy >= 0) & (xy <= [width - 1, height - 1])).all(axis=2)
+    kept = np.count_nonzero(visible, axis=1) > LEAST_VISIBLE
     points, visible = np.where(finite[..., None], xy, 0)[kept] / size, visible[kept]
 
     def own(tracks: npt.NDArray[np.float64], _: npt.NDArray[np.bool_]) -> dict[str, float]:

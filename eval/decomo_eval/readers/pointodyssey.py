@@ -52,16 +52,15 @@ def _read_scene(name: str, file: Path) -> Video:
     frames = frame_folder(file.parent / "rgbs")
     width, height = frames.size
     trajectories, visible, valid = _annotations(file, len(frames))
-    finite = np.isfinite(trajectories).all(axis=2)
-    x, y = np.moveaxis(np.where(finite[..., None], trajectories, 0), 2, 0)
-    inside = (x >= 1) & (x <= width - 2) & (y >= 1) & (y <= height - 2)
-    valid, visible = valid & finite & inside, visible & finite & inside
+    x, y = trajectories[..., 0], trajectories[..., 1]
+    inside = (x >= 1) & (x <= width - 2) & (y >= 1) & (y <= height - 2)  # nor is what is not finite
+    valid, visible = valid & inside, visible & inside
     good = valid & visible
-    (chosen,) = np.nonzero(good[0] & (good.sum(axis=0) >= FRAMES))
+    (chosen,) = np.nonzero(good[0] & (np.count_nonzero(good, axis=0) >= FRAMES))
     chosen = chosen[evenly(len(chosen), POINTS)]
-    xy = np.stack([x, y], axis=2)[:, chosen].clip(-MARGIN, [width + MARGIN, height + MARGIN]).swapaxes(0, 1)
-    visible, valid = visible[:, chosen].T, valid[:, chosen].T
-    points = xy / np.array(frames.size, np.float64)
+    xy, visible, valid = (array[:, chosen].swapaxes(0, 1) for array in (trajectories, visible, valid))
+    xy = np.where(np.isfinite(xy).all(axis=2, keepdims=True), xy, 0).astype(np.float64)
+    points = xy.clip(-MARGIN, [width + MARGIN, height + MARGIN]) / frames.size
     counted = partial(figures.pointodyssey, true=points * RASTER_SIZE, valid=valid)
     return made_video(f"scene {name} of {file}", name, frames, points, ~visible, figures=lambda xy, _: counted(xy))
 

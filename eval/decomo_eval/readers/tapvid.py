@@ -63,64 +63,6 @@ class ShardedDataset(Mapping[str, Video]):
         return self._loaded[1]
 
 
-def _entries(self, shard: Path) -> dict[str, Any]:
-    if self._loaded is None or self._loaded[0] != shard:
-        self._loaded = None  # before the next is read: never two in memory
-        self._loaded = shard, _entries(shard, prefix=f"{shard.stem}-")
-    return self._loaded[1]
-
-
-class FolderDataset(Mapping[str, Video]):
-    """Videos as folders of frames, each beside a `.npz` of its name.
-
-    `tracks` [N, T, 2] are (x, y) in pixels of the frames, pixel centres at integers, `occluded` is [N, T]; other keys
-    are not read.
-    """
-
-    def __init__(self, files: Sequence[Path]) -> None:
-        self._files = {file.stem: file for file in files}
-
-    def __getitem__(self, name: str) -> Video:
-        file, folder = self._files[name], self._files[name].with_suffix("")
-        truth = read_npz(file, DatasetError, ("tracks", "occluded"))
-        if not folder.is_dir() or "tracks" not in truth or "occluded" not in truth:
-            raise DatasetError(f"{file} must hold tracks and occluded, and {folder} the video's frames")
-        with _of_dataset():
-            frames = FrameFolder(frame_files(folder))
-        tracks = _numbers(f"video {name} of {file}", "tracks", truth["tracks"])
-        if tracks.ndim != 3 or tracks.shape[2] != 2:
-            raise DatasetError(f"{file} must have tracks [N, T, 2], but they are {list(tracks.shape)}")
-        entry = {"video": frames, "points": (tracks + 0.5) / frames.size, "occluded": truth["occluded"]}
-        return _read_video(file, name, entry)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._files)
-
-    def __len__(self) -> int:
-        return len(self._files)
-
-
-class ResizedDataset(Mapping[str, Video]):
-    """A dataset's videos with frames of another size."""
-
-    def __init__(self, stored: Mapping[str, Video], height: int, width: int) -> None:
-        self._stored, self._size = stored, (height, width)
-
-    def __getitem__(self, name: str) -> Video:
-        return self._stored[name].at(*self._size)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._stored)
-
-    def __len__(self) -> int:
-        return len(self._stored)
-
-
-def _files(folder: Path, suffix: str) -> list[Path]:
-    """In alphabetic order, without hidden ones: a file that is still being written is one."""
-    return sorted(file for file in folder.glob(f"*{suffix}") if not file.name.startswith("."))
-
-
 def _entries(path: Path, prefix: str = "") -> dict[str, Any]:
     """The videos of one pickle by name; those of a list are named by `prefix` and their position."""
     content = safe_pickle.load(path)

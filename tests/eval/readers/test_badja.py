@@ -38,8 +38,9 @@ def test_a_video(tmp_path: Path) -> None:
     assert (~video.occluded).sum() == seen.sum()
     xy = truth["joints"][:, SMAL, ::-1].swapaxes(0, 1)[ever]
     np.testing.assert_allclose(video.points[:, at] * [WIDTH, HEIGHT], xy)
-    first = cv2.imread(str(tmp_path / f"DAVIS/JPEGImages/Full-Resolution/{ANIMAL}/00002.jpg"))[..., ::-1]
-    np.testing.assert_array_equal(video.frames()[0], first)
+    first = cv2.imread(str(tmp_path / f"DAVIS/JPEGImages/Full-Resolution/{ANIMAL}/00002.jpg"))
+    assert first is not None
+    np.testing.assert_array_equal(video.frames()[0], first[..., ::-1])
 
 
 def test_frames_without_annotation_do_not_count(tmp_path: Path) -> None:
