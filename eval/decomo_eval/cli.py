@@ -159,13 +159,12 @@ def tapvid(
         )
         page = None if writer is None else writer.write(report)
     click.echo(_table(report))
-    for line in _remarks(report):
+    for line in (*_remarks(report), *_more(report)):
         click.echo(line)
     if json_path is not None:
         with replacing(json_path) as temporary:
             temporary.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    for line in _summary(report):
-        click.echo(line)
+    click.echo(_summary(report))
     if json_path is not None:
         click.echo(f"wrote {json_path}")
     for path in plots.write(plots_folder, report) if plots is not None and plots_folder is not None else ():
@@ -205,18 +204,22 @@ def _remarks(report: Report) -> list[str]:
     return remarks
 
 
-def _summary(report: Report) -> Iterator[str]:
+def _more(report: Report) -> Iterator[str]:
+    """What the table has no column for, means over videos."""
     from decomo_eval.measure import told
 
-    scored, total = len(report.videos), len(report.videos) + len(report.missing)
-    aj, within, accuracy, coherence = _cells(report.mean)
-    yield (
-        f"{report.query_mode}, mean over {scored} of {total} videos: "
-        f"AJ {aj}, < delta_avg {within}, OA {accuracy}, TC {coherence} px"
-    )
     again = told("redetection_jaccard", report.splits["reappeared"]["redetection_jaccard"])
     survival, error = (told(name, report.mean[name]) for name in ("survival", "median_trajectory_error"))
     yield f"AJ after re-detection {again}, survival {survival}, median trajectory error {error}"
     if report.figures:
         figures = ", ".join(f"{name} {told(name, report.mean[name])}" for name in report.figures)
         yield f"as the benchmark's own code counts: {figures}"
+
+
+def _summary(report: Report) -> str:
+    scored, total = len(report.videos), len(report.videos) + len(report.missing)
+    aj, within, accuracy, coherence = _cells(report.mean)
+    return (
+        f"{report.query_mode}, mean over {scored} of {total} videos: "
+        f"AJ {aj}, < delta_avg {within}, OA {accuracy}, TC {coherence} px"
+    )
