@@ -48,7 +48,7 @@ def test_pointodyssey_s_figures_are_those_of_pips_plus_plus(seed: int) -> None:
 
 @ROOMS
 def test_dynamic_replica_s_figures_are_those_of_cotracker(seed: int) -> None:
-    made, width, height = tracks(seed), 300, 170
+    made, width, height = tracks(seed), 30, 17
     visible = made["random"].random((N, T)) < 0.6
     visible[:, 3] = True
     # as Evaluator.compute_metrics: pixels of the frame, divided by (W - 1) / 255
@@ -73,7 +73,8 @@ def test_egopoints_figures_are_those_of_its_script(seed: int) -> None:
     random, true, answers = made["random"], made["true"], made["tracks"]
     answers = np.where(random.random((N, T, 1)) < 0.2, answers + 300, answers)  # some out of view
     kind = random.integers(0, 4, (N, T))  # position, hidden, out of view, not annotated
-    kind[:, 0] = 0
+    kind[1:, 0], kind[0] = 0, [2, *[0] * (T - 1)]  # out of view in frame 0 alone is not counted
+    answers[0, 0] = 400
     valid, hidden, out = kind == 0, kind == 1, kind == 2
     visible, judged = valid & (random.random((N, T)) < 0.8), kind < 3
     occluded = random.random((N, T)) < 0.4

@@ -113,6 +113,19 @@ def tensor(shape: Any, strides: Any, offset: Any = 0, length: Any = 6, key: Any 
         tensor((2, 3), (3, 1), 1),
         tensor((7,), (1,)),
         tensor((2**40,), (0,)),  # one value as often as that
+        tensor((2,) * 70, (0,) * 70, 0),
+    ],
+)
+def test_a_tensor_that_is_larger_than_its_storage_is_refused(program: bytes, file: Path) -> None:
+    torch.save({"a": torch.arange(6.0)}, file)
+    file.write_bytes(repacked(file, {"/data.pkl": program}))
+    with pytest.raises(DatasetError, match="is larger than its storage"):
+        load_tensors(file, ["a"])
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
         tensor((2,), (-1,), 3),
         tensor((2,), (1,), -1),
         tensor((2.0,), (1,)),
