@@ -75,9 +75,9 @@ def _absence(visible: BoolArray) -> npt.NDArray[np.int64]:
     frames = np.arange(visible.shape[2])
     last = np.maximum.accumulate(np.where(visible, frames, -1), axis=2)
     before = np.concatenate([np.full_like(last[..., :1], -1), last[..., :-1]], axis=2)
-    return np.where(visible, frames - before - 1, 0).astype(np.int64)
+    return np.where(visible, frames - before - 1, 0)
 
 
 def _to_the_end(mask: BoolArray) -> npt.NDArray[np.int64]:
     """Number of frames of the mask from each one on."""
-    return np.cumsum(mask[..., ::-1], axis=2)[..., ::-1]
+    return np.cumsum(mask[..., ::-1], axis=2, dtype=np.int64)[..., ::-1]
