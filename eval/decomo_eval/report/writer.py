@@ -14,6 +14,7 @@ from types import TracebackType
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from decomo_eval.columns import COLUMNS
+from decomo_eval.measure import told
 from decomo_eval.report.clips import NEAR, WorstClips
 from decomo_eval.report.plots import Plots
 from decomo_eval.report.published import published
@@ -88,6 +89,7 @@ class ReportWriter:
             version=__version__,
             share=lambda value: "-" if math.isnan(value) else f"{100 * value:.1f}",
             pixels=lambda value: "-" if math.isnan(value) else f"{value:.2f}",
+            told=told,
             is_nan=math.isnan,
             nan=math.nan,
         )
