@@ -184,8 +184,8 @@ def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, V
             of RoboTAP), or a folder of `<video>.npz` with `tracks` and `occluded` beside `<video>/` with its frames.
         resolution: `original`, frames as they are stored, or `256x256`, brought to that size: TAP-Vid's categories.
 
-    Nothing in a file is executed. Only the first frame of each video is looked at here, for its size. Raises
-    `DatasetError`; of videos in folders when they are asked for.
+    Nothing in a file is executed. No video is looked at before it is asked for. Raises
+    `DatasetError`; of a video when it is asked for.
     """
     if resolution not in RESOLUTIONS:
         raise DatasetError(f"there is no resolution {resolution}; choose of {', '.join(RESOLUTIONS)}")
@@ -195,12 +195,28 @@ def read_dataset(path: str | Path, resolution: str = ORIGINAL) -> Mapping[str, V
 
 def _read_stored(path: Path) -> Mapping[str, Video]:
     if not path.is_dir():
-        return {name: _read_video(path, name, entry) for name, entry in _entries(path).items()}
+        return PickleDataset(path)
     if shards := _files(path, ".pkl"):
         return ShardedDataset(shards)
     if files := _files(path, ".npz"):
         return FolderDataset(files)
     raise DatasetError(f"{path} holds neither .pkl, TAP-Vid's files, nor .npz, tracks beside folders of frames")
+
+
+class PickleDataset(Mapping[str, Video]):
+    """Videos of one pickle, which is in memory; what is wrong with one is said when it is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._entries = path, _entries(path)
+
+    def __getitem__(self, name: str) -> Video:
+        return _read_video(self._path, name, self._entries[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
 
 
 class ShardedDataset(Mapping[str, Video]):

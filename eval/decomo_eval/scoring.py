@@ -22,6 +22,7 @@ from decomo_eval.query_mode import STRIDED, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
 from decomotion.arrays import npz_keys, read_npz
+from decomotion.errors import InputError
 from decomotion.windows import FILE_NAME as WINDOWS
 
 logger = logging.getLogger(__name__)
@@ -102,6 +103,7 @@ def evaluate(
     resolution: str = ORIGINAL,
     object_masks: str | Path | None = None,
     watch: Callable[[Scored], object] | None = None,
+    refused: Callable[[str, InputError | OSError], object] | None = None,
 ) -> Report:
     """Scores a tracker on a TAP-Vid dataset; give one of `models`, `predictions` and `tracker`.
 
@@ -115,6 +117,8 @@ def evaluate(
         videos: names of the videos to score, each of which must have its file; by default all that have one.
         object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
         watch: called with each video as soon as it is scored.
+        refused: called with the name of each video that cannot be scored, and why: it is left out, and is missing.
+            Without this, the first one ends all.
 
     Raises `DatasetError` or `PredictionError` where a file is not as it should be.
     """
@@ -134,9 +138,16 @@ def evaluate(
     resolutions: dict[str, str] = {}
     in_both = False
     for number, name in enumerate(present, start=1):
-        video = known[name]
-        queries = sample_queries(video, query_mode)
-        prediction = answers(video, queries)
+        try:
+            video = known[name]
+            queries = sample_queries(video, query_mode)
+            prediction = answers(video, queries)
+        except (InputError, OSError) as error:
+            if refused is None:
+                raise
+            refused(name, error)
+            missing += (name,)
+            continue
         if len(queries.points):  # without any, a file does not tell what it was tracked at
             if category := _category(prediction, video):
                 resolutions.setdefault(category, name)
@@ -149,6 +160,8 @@ def evaluate(
         if watch is not None:
             watch(Scored(video, queries, prediction, scores[name]))
         logger.info("scored %s (%d of %d), %d queries", name, number, len(present), len(queries.points))
+    if not scores:
+        raise PredictionError(f"no video of {dataset} can be scored; the first that was asked for is {present[0]}")
     undefined = {
         name: tuple(metric for metric, value in metrics.items() if math.isnan(value))
         for name, metrics in scores.items()
