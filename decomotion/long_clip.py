@@ -87,15 +87,19 @@ def windows_of(clip: Clip, longest: int | None, cuts: Sequence[int]) -> Windows:
     return Windows(*facts, split(len(clip), cuts, longest), seconds, clip.pixel_aspect)
 
 
-def check_no_files(config: DataConfig) -> None:
-    """Raises `ConfigError` where flow, masks or tracks are the user's own, which go with the frames of the clip."""
+def own_files(config: DataConfig) -> list[str]:
+    """Options whose flow, masks or tracks are the user's own, which go with the frames of one clip."""
     given = {
         "--flow": isinstance(config.flow, FolderFlowConfig),
         "--masks": config.masks not in ("auto", "none"),
         "--tracks": config.tracks is not None,
     }
-    named = " and ".join(option for option, is_given in given.items() if is_given)
-    if named:
+    return [option for option, is_given in given.items() if is_given]
+
+
+def check_no_files(config: DataConfig) -> None:
+    """Raises `ConfigError` where there are `own_files`."""
+    if named := " and ".join(own_files(config)):
         raise ConfigError(
             f"{named} with several windows: files of the whole clip do not fit its parts; fit CLIP@A:B one by one, "
             "each with files of its own, or the whole clip as one with --window all"

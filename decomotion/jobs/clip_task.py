@@ -60,7 +60,7 @@ class ClipTask:
     @property
     def model(self) -> Path:
         """Where the model is: a file, or the folder of several windows'; the file where it is not there yet."""
-        return _model_in(self.out / "models", self.name)
+        return model_in(self.out / "models", self.name)
 
     @property
     def folder(self) -> Path:
@@ -75,7 +75,7 @@ class ClipTask:
             return Outcome(self.name, number, {}, f"{where}; it has to be in a folder that all machines share")
         here = self._begin()
         ended = run_stages(self.stages(here), self.folder / "log.txt", place)
-        if ended.error is None:
+        if ended.error is None or is_model(model_in(here, self.name)):
             self._keep(here)
         elif ended.refused == "train":  # what does not go on with itself is begun anew
             shutil.rmtree(here, ignore_errors=True)
@@ -84,7 +84,7 @@ class ClipTask:
     def stages(self, here: Path) -> Iterator[tuple[str, Sequence[str]]]:
         """What is still to be done by an attempt in the folder `here`, each asked for when the last has ended."""
         run = here / "run"
-        if is_model(self.model) or is_model(_model_in(here, self.name)):
+        if is_model(self.model) or is_model(model_in(here, self.name)):
             return
         if not _is_finished(run):
             going_on = ["--resume"] if _is_begun(run) else []
@@ -94,7 +94,7 @@ class ClipTask:
 
     def results(self, here: Path) -> Mapping[Path, Path]:
         """What an attempt in the folder `here` may have made, and where it belongs, what counts last."""
-        made = _model_in(here, self.name)
+        made = model_in(here, self.name)
         return {here / "run": self.folder / "run", made: self.out / "models" / made.name}
 
     def is_done(self) -> bool:
@@ -108,17 +108,18 @@ class ClipTask:
 
     def recorded(self) -> Outcome | None:
         """What `task.json` says of an earlier run, as of one that needs no attempt; None where there is none."""
-        known = _read_json(self.folder / "task.json")
+        known = read_json(self.folder / "task.json")
         if not known:
             return None
         return Outcome(self.name, 0, known.get("seconds", {}), known.get("error"), known.get("jobs"), known.get("clip"))
 
     def done_before(self) -> Outcome | None:
-        """How it went in an earlier run, where all is there: failed, where it was made of or with something else."""
-        if not self.is_done():
+        """How it went in an earlier run, where all is there; a failure where the model is of or with something else."""
+        if not is_model(self.model):
             return None
         known = self.recorded() or Outcome(self.name, 0, {}, None)
-        return replace(known, error=self._differs({"clip": known.clip, **_read_json(self.folder / MADE)}))
+        differs = self._differs({"clip": known.clip, **read_json(self.folder / MADE)})
+        return replace(known, error=differs) if differs or self.is_done() else None
 
     def made_with(self) -> dict[str, Any]:
         """What decides the result; `made.json`."""
@@ -137,7 +138,7 @@ class ClipTask:
         here = self.folder / f".attempt-{uuid.uuid4().hex[:8]}"
         self.folder.mkdir(parents=True, exist_ok=True)
         for left in sorted(self.folder.glob(".attempt-*"), key=_last_change, reverse=True):
-            if not here.exists() and _read_json(left / MADE) == self.made_with():
+            if not here.exists() and read_json(left / MADE) == self.made_with():
                 with suppress(OSError):
                     left.rename(here)
             shutil.rmtree(left, ignore_errors=True)
@@ -162,7 +163,8 @@ def is_model(path: Path) -> bool:
     return path.is_file() or (path / WINDOWS).is_file()
 
 
-def _model_in(folder: Path, name: str) -> Path:
+def model_in(folder: Path, name: str) -> Path:
+    """Where in a folder the model of that name is; where it would be as a file if there is none."""
     file, windows = folder / f"{name}{MODEL}", folder / name
     return windows if not file.is_file() and (windows / WINDOWS).is_file() else file
 
@@ -188,7 +190,7 @@ def _last_change(attempt: Path) -> float:
     return (run if run.is_dir() else attempt).stat().st_mtime
 
 
-def _read_json(file: Path) -> dict[str, Any]:
+def read_json(file: Path) -> dict[str, Any]:
     """Empty where there is none, or one that was cut short."""
     try:
         content = json.loads(file.read_bytes())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from decomotion.errors import InputError
 from decomotion.files import replacing
-from decomotion.jobs.clip_task import ClipTask
+from decomotion.jobs.clip_task import ClipTask, is_model
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.task import Outcome
 
@@ -30,6 +30,15 @@ class Results:
     failed: tuple[Outcome, ...]
     jobs: int
     """Clips at a time."""
+    failed_before: tuple[Outcome, ...] = ()
+    """Clips that were not asked for, and failed in an earlier run."""
+
+    def with_others(self, others: Iterable[Outcome | None]) -> Results:
+        """With what is known of clips that were not asked for."""
+        known = [outcome for outcome in others if outcome is not None]
+        finished = tuple(outcome for outcome in known if outcome.error is None)
+        failed = tuple(outcome for outcome in known if outcome.error is not None)
+        return replace(self, finished=(*self.finished, *finished), failed_before=(*self.failed_before, *failed))
 
     @property
     def seconds_per_video(self) -> float | None:
@@ -49,6 +58,7 @@ class Results:
         return {
             "finished": [asdict(outcome) for outcome in self.finished],
             "failed": [asdict(outcome) for outcome in self.failed],
+            "failed_before": [outcome.name for outcome in self.failed_before],
             "jobs": self.jobs,
             "seconds_per_video": self.seconds_per_video,
         }
@@ -85,8 +95,8 @@ class ClipTasks(Generic[AnyClip]):
         return Results(finished, failed, jobs)
 
     def before(self, task: AnyClip) -> Outcome | None:
-        """How a task went before, where it is done: failed, where it was made of or with something else."""
-        if task.is_done():
+        """How a task went before, where it is done; a failure where it is of or with something else."""
+        if is_model(task.model):
             with suppress(InputError, OSError):  # what was made of a clip that is gone counts
                 task = replace(task, clip=self.digest(task))
         return task.done_before()
@@ -106,7 +116,10 @@ class ClipTasks(Generic[AnyClip]):
 
     def _record(self, task: AnyClip, outcome: Outcome) -> Outcome:
         """What is there counts, also where the attempt was lost or given up for lost."""
-        outcome = replace(outcome, clip=task.clip, error=None if task.is_done() else outcome.error)
+        known = task.recorded()
+        seconds = {**(known.seconds if known else {}), **outcome.seconds}
+        error = None if task.is_done() else outcome.error
+        outcome = replace(outcome, clip=task.clip, seconds=seconds, error=error)
         task.record(outcome)
         if outcome.error is None:
             self.clear(task)

@@ -22,7 +22,7 @@ class Outcome:
     attempts: int
     """0: it was finished before."""
     seconds: dict[str, float]
-    """Wall time of each stage of the last attempt."""
+    """Wall time of each stage, of the last attempt that came to it."""
     error: str | None
     """The last attempt's, or None where the result is there."""
     jobs: int | None = None

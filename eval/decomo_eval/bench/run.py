@@ -38,8 +38,6 @@ AS_ONE_SHOT = ("--shots", "ignore")
 class Summary(Results):
     """What came of a benchmark; `OUT/summary.json`."""
 
-    failed_before: tuple[Outcome, ...] = ()
-    """Videos that were not asked for, and failed in an earlier run."""
     report: Report | None = None
     """Of all finished videos in the folder; None where there is none, or they could not be scored."""
 
@@ -53,7 +51,6 @@ class Summary(Results):
         """As plain JSON types."""
         return {
             **super().to_json(),
-            "failed_before": [outcome.name for outcome in self.failed_before],
             "hours_for": self.hours_for,
             "mean": None if self.report is None else self.report.to_json()["mean"],
         }
@@ -99,7 +96,8 @@ def bench(
         others = [task for task in tasks if task.name not in asked]
         results = fitted.run(engine or LocalEngine())
         results = replace(results, failed=(*results.failed, *(each for each in unfit if each.name in asked)))
-        summary = _with_others(results, [fitted.before(task) or task.recorded() for task in others])
+        results = results.with_others(fitted.before(task) or task.recorded() for task in others)
+        summary = Summary(results.finished, results.failed, results.jobs, results.failed_before)
         summary.write(out)  # should scoring fail, this is known
         summary = _scored(summary, dataset, out, query_mode)
         summary.write(out)
@@ -133,13 +131,6 @@ def _fits(videos: Mapping[str, Video], tasks: Sequence[ClipTask]) -> ClipTasks[C
         shutil.rmtree(Path(task.source).parent, ignore_errors=True)
 
     return ClipTasks(tasks, digest, prepare, clear)
-
-
-def _with_others(results: Results, others: Sequence[Outcome | None]) -> Summary:
-    """The results, beside what is known of the videos that were not asked for."""
-    known = [outcome for outcome in others if outcome is not None]
-    finished = (*results.finished, *(outcome for outcome in known if outcome.error is None))
-    return Summary(finished, results.failed, results.jobs, tuple(each for each in known if each.error is not None))
 
 
 def _scored(summary: Summary, dataset: Path, out: Path, query_mode: str) -> Summary:
