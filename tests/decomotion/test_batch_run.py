@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import signal
 import sys
@@ -198,6 +199,11 @@ def test_two_runs_in_one_folder_are_kept_apart(batch: Batch, capsys: pytest.Capt
     with alone(Path("out"), "decomo-batch", BatchError):
         assert batch() == 2
     assert "another decomo-batch is at work in out; wait for it" in capsys.readouterr().err
+
+
+def test_a_task_travels_to_another_machine(tmp_path: Path) -> None:
+    one = task.TrackedTask("one", tmp_path, str(tmp_path), ("--seed", "3"), 2, queries=tmp_path / "points.csv")
+    assert pickle.loads(pickle.dumps(one)) == one
 
 
 INTERRUPTED = """

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from decomotion.jobs import clip_task, cluster
 from decomotion.jobs import task as job
 from decomotion.jobs.clip_task import COMMANDS, ClipTask
 from decomotion.jobs.cluster import ENVIRONMENT, RayEngine
-from decomotion.jobs.engine import Room
+from decomotion.jobs.engine import LocalEngine, Room
 from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome, Place
 
@@ -289,6 +290,23 @@ def test_the_summary_is_of_all_that_is_there_whatever_is_asked_for(bench: Bench)
     summary = json.loads(Path("out/summary.json").read_text())
     assert sorted(outcome["name"] for outcome in summary["finished"]) == ["left", "right"]
     assert sorted(json.loads(Path("out/report/scores.json").read_text())["videos"]) == ["left", "right"]
+
+
+def test_estimates_are_of_as_many_as_there_is_room_for(
+    bench: Bench, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of eight that are submitted two run, as on a Ray of two CPUs."""
+
+    class Small(LocalEngine):
+        @contextmanager
+        def start(self) -> Iterator[Room]:
+            with super().start() as room:
+                yield replace(room, fit=lambda: 2)
+
+    summary = run.bench(dataset, "out", (), engine=Small(jobs=8))
+    assert summary.jobs == 2
+    assert {outcome.jobs for outcome in summary.finished} == {2}
+    assert Room(8, Small().start, lambda: 0).at_a_time == 1  # pyright: ignore[reportArgumentType]
 
 
 def test_a_fit_that_was_killed_goes_on_where_it_was(bench: Bench) -> None:
