@@ -9,11 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from decomotion.console import interrupt_flag, run
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
-from decomotion.options import Duration, Supervision, seed_option, supervision_options, window_options
+from decomotion.options import (
+    Duration,
+    Supervision,
+    forwarded,
+    given_names,
+    seed_option,
+    supervision_options,
+    window_options,
+)
 
 if TYPE_CHECKING:
     from decomotion.clip import Clip
@@ -30,8 +37,6 @@ OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", *ENG
 """Options that are not those of a window."""
 MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 """Options that `--resume` heeds."""
-FILES = ("file", "flow_weights", "feature_weights")
-"""Options that name files, which machines of a cluster find by their full names."""
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -86,7 +91,7 @@ def command(
     from decomotion.long_clip import check_no_files, fit_windows, lay_out, read_windows
     from decomotion.windows import FILE_NAME
 
-    decided, forwarded = _given(context, MAY_RESUME_WITH), _forwarded(context)
+    decided, passed_on = given_names(context, MAY_RESUME_WITH), forwarded(context, OF_THE_WHOLE)
     how = {"steps": steps, "resume": resume, "rebuild_cache": rebuild_cache, "seed": seed, "device": device}
     goes_on = resume and (folder / FILE_NAME).is_file()
     if resume and not goes_on:
@@ -97,9 +102,9 @@ def command(
     each = None  # seconds of a window, where neither a time nor steps are given
     if goes_on:
         layout, _, begun_with = read_windows(folder)
-        if forwarded and forwarded != begun_with:
+        if passed_on and passed_on != begun_with:
             raise ConfigError(_resume_refused(decided))
-        forwarded = begun_with
+        passed_on = begun_with
     else:
         config, layout = supervision.config(), lay_out(frames, window, shots)
         if config.preset in MINUTES and time_budget is None and steps is None:
@@ -116,7 +121,7 @@ def command(
 
     longer = resume and (steps is not None or time_budget is not None)
     given = {"steps": steps, "time_budget": time_budget, "longer": longer}
-    fit_windows(clip, frames, layout, folder, forwarded, engine=chosen_engine(**engine_choice), told=announce, **given)
+    fit_windows(clip, frames, layout, folder, passed_on, engine=chosen_engine(**engine_choice), told=announce, **given)
     click.echo(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
         f"windows: {folder}"
@@ -164,32 +169,6 @@ def _are_the_runs(folder: Path, config: Config, seed: int, rebuild_cache: bool) 
 
 def _resume_refused(decided: Sequence[str]) -> str:
     return f"--resume continues with the run's own configuration and seed; leave out {', '.join(decided)}"
-
-
-def _forwarded(context: click.Context) -> list[str]:
-    """The options on the command line that every window gets, as arguments."""
-    arguments = []
-    for option in _options(context, OF_THE_WHOLE):
-        value = context.params[option.name or ""]
-        for each in value if option.multiple else [value]:
-            text = str(Path(each).absolute()) if option.name in FILES else str(each)
-            arguments += [option.opts[0]] if option.is_flag else [option.opts[0], text]
-    return arguments
-
-
-def _given(context: click.Context, but_for: Sequence[str]) -> list[str]:
-    """The names of the options on the command line, without those called `but_for`."""
-    return [option.opts[0] for option in _options(context, but_for)]
-
-
-def _options(context: click.Context, but_for: Sequence[str]) -> list[click.Option]:
-    return [
-        each
-        for each in context.command.params
-        if isinstance(each, click.Option)
-        and each.name not in (None, *but_for)
-        and context.get_parameter_source(each.name or "") is ParameterSource.COMMANDLINE
-    ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

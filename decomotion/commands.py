@@ -25,6 +25,7 @@ COMMANDS = (
     Command("train", "decomotion.cli", "command", "Fit a model to a clip."),
     Command("export", "decomo_export.cli", "command", "Freeze a fitted model into one .onnx file."),
     Command("track", "decomo_runtime.cli", "track", "Follow points through the clip."),
+    Command("batch", "decomotion.batch.cli", "command", "Fit, export and track all clips of a folder or list."),
     Command("convert", "decomo_runtime.convert_cli", "convert", "Bring tracks into the files of other tools."),
     Command("flow", "decomo_runtime.flow.cli", "flow", "Write where all pixels of a frame are in others."),
     Command("measure", "decomo_runtime.measure.cli", "measure", "Measure motion and strain, in units of length."),

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
@@ -19,6 +20,8 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 ENDS_WITH_STDIN = "DECOMO_ENDS_WITH_STDIN"
 """Environment variable: with it a command ends when its standard input is closed, as whoever began it has ended."""
+PATIENCE = 20
+"""Seconds that such a command has to end as by Ctrl-C; a fit saves itself then."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -73,6 +76,8 @@ def _end_with_stdin() -> None:
     with suppress(OSError, ValueError):
         while os.read(sys.stdin.fileno(), 1):
             pass
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(PATIENCE)
     os._exit(INTERRUPTED)
 
 

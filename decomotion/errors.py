@@ -41,5 +41,9 @@ class EngineError(InputError):
     """The engine that tasks were to run on is not installed, does not answer, or has no room for them."""
 
 
+class BatchError(InputError):
+    """A list of clips cannot be read, or the folder of what is made of them is of other settings."""
+
+
 class TrainingError(RuntimeError):
     """The optimisation itself failed, for example a loss that is not a number."""

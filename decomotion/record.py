@@ -54,3 +54,9 @@ def read_record(folder: Path) -> Record | None:
         return TypeAdapter(Record).validate_json(file.read_bytes())
     except ValidationError as error:
         raise CheckpointError(f"{file} does not tell what the run was begun with; train again") from error
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether the budget of the run in `folder` is spent. Raises `CheckpointError` as `read_record`."""
+    found = read_record(folder)
+    return found is not None and found.finished and (folder / CHECKPOINT).is_file()

@@ -62,7 +62,7 @@ SUPERVISION = [
 FETCHED = {
     "decomo_eval.baselines": [*SUPERVISION, "decomotion.device.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
-    "decomo_eval.bench.task": ["decomotion.config"],
+    "decomo_eval.bench.run": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
 OF_AN_EXTRA = {

@@ -62,6 +62,7 @@ def test_readme_begins_with_two_one_line_commands():
         "decomo-measure",
         "decomo-render",
         "decomo-view",
+        "decomo-batch",
         "decomo-bench",
     )
     assert all(command in main_job for command in COMMANDS if command not in further)

@@ -25,8 +25,8 @@ def read_dataset(path: str | Path, resolution: str = ORIGINAL, name: str | None 
         resolution: `original`, frames as they are stored, or `256x256`, brought to that size: TAP-Vid's categories.
         name: the reader's; by default the one to which the folder's files belong.
 
-    Nothing in a file is executed. Only the first frame of each video is looked at here, for its size. Raises
-    `DatasetError`, also where the files belong to two readers; of videos in folders when they are asked for.
+    Nothing in a file is executed. No video is looked at before it is asked for. Raises `DatasetError`, also where the
+    files belong to two readers; of a video when it is asked for.
     """
     if resolution not in RESOLUTIONS:
         raise DatasetError(f"there is no resolution {resolution}; choose of {', '.join(RESOLUTIONS)}")

@@ -22,6 +22,7 @@ from decomo_eval.query_mode import FIRST, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
 from decomotion.arrays import npz_keys, read_npz
+from decomotion.errors import InputError
 from decomotion.windows import FILE_NAME as WINDOWS
 
 logger = logging.getLogger(__name__)
@@ -108,6 +109,7 @@ def evaluate(
     object_masks: str | Path | None = None,
     watch: Callable[[Scored], object] | None = None,
     dataset_name: str | None = None,
+    refused: Callable[[str, InputError | OSError], object] | None = None,
 ) -> Report:
     """Scores a tracker on a dataset; give one of `models`, `predictions` and `tracker`.
 
@@ -122,6 +124,8 @@ def evaluate(
         object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
         watch: called with each video as soon as it is scored.
         dataset_name: the dataset's name (`readers.READERS`); by default its files tell.
+        refused: called with the name of each video that cannot be scored, and why: it is left out, and is missing.
+            Without this, the first one ends all.
 
     Raises `DatasetError` or `PredictionError` where a file is not as it should be.
     """
@@ -140,11 +144,18 @@ def evaluate(
     scores: dict[str, Metrics] = {}
     splits: dict[str, Mapping[str, Metrics]] = {}
     resolutions: dict[str, str] = {}
-    in_both, figures = False, {}
+    in_both = False
     for number, name in enumerate(present, start=1):
-        video = known[name]
-        queries = sample_queries(video, query_mode)
-        prediction = answers(video, queries)
+        try:
+            video = known[name]
+            queries = sample_queries(video, query_mode)
+            prediction = answers(video, queries)
+        except (InputError, OSError) as error:
+            if refused is None:
+                raise
+            refused(name, error)
+            missing += (name,)
+            continue
         if len(queries.points):  # without any, a file does not tell what it was tracked at
             if category := _category(prediction, video):
                 resolutions.setdefault(category, name)
@@ -152,14 +163,16 @@ def evaluate(
             else:
                 in_both = True
         metrics = score(queries, prediction, query_mode)
-        if video.figures is not None and query_mode == FIRST:
-            figures = video.figures(prediction.tracks, prediction.occluded)
+        own = video.figures is not None and query_mode == FIRST
+        figures = video.figures(prediction.tracks, prediction.occluded) if own else {}
         scores[name] = {**metrics, **figures}
         objects = None if masks is None or name in without_masks else masks.of(name)
         splits[name] = score_splits(queries, prediction, query_mode, objects)
         if watch is not None:
             watch(Scored(video, queries, prediction, metrics))
         logger.info("scored %s (%d of %d), %d queries", name, number, len(present), len(queries.points))
+    if not scores:
+        raise PredictionError(f"no video of {dataset} can be scored; the first that was asked for is {present[0]}")
     undefined = {
         name: tuple(metric for metric, value in metrics.items() if math.isnan(value))
         for name, metrics in scores.items()

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import ModelFileError
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import ModelFacts
-from decomotion.quality import Quality
+from decomotion.quality import worst
 from decomotion.windows import FILE_NAME, Window, Windows
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class WindowModels:
             fps=self.layout.fps,
             times=self.layout.seconds,
             pixel_aspect=self.layout.pixel_aspect,
-            quality=_worst(self.layout.quality or ()),
+            quality=worst(self.layout.quality or ()),
         )
 
     def __len__(self) -> int:
@@ -131,8 +131,3 @@ class WindowModels:
         """Each window that is the home of some queries, and their rows."""
         home = self.layout.home(queries[:, 0].astype(np.int64))
         return [(int(number), np.flatnonzero(home == number)) for number in np.unique(home)]
-
-
-def _worst(qualities: Iterable[Quality | None]) -> Quality | None:
-    """Of the windows that tell, the one whose held-out links are missed the most in the median."""
-    return max((each for each in qualities if each is not None), key=lambda each: each.all.median, default=None)

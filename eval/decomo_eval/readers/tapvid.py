@@ -27,8 +27,24 @@ def holds(path: Path) -> bool:
 def read(path: Path) -> Mapping[str, Video]:
     """The videos by name; those of a list are named by their position, in a folder behind the file's name."""
     if not path.is_dir():
-        return {name: _read_video(path, name, entry) for name, entry in _entries(path).items()}
+        return PickleDataset(path)
     return ShardedDataset(by_suffix(path, ".pkl"))
+
+
+class PickleDataset(Mapping[str, Video]):
+    """Videos of one pickle, which is in memory; what is wrong with one is said when it is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._entries = path, _entries(path)
+
+    def __getitem__(self, name: str) -> Video:
+        return _read_video(self._path, name, self._entries[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
 
 
 class ShardedDataset(Mapping[str, Video]):
