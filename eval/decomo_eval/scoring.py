@@ -144,7 +144,7 @@ def evaluate(
     scores: dict[str, Metrics] = {}
     splits: dict[str, Mapping[str, Metrics]] = {}
     resolutions: dict[str, str] = {}
-    in_both = False
+    in_both, figures = False, {}
     for number, name in enumerate(present, start=1):
         try:
             video = known[name]
@@ -163,8 +163,8 @@ def evaluate(
             else:
                 in_both = True
         metrics = score(queries, prediction, query_mode)
-        own = video.figures is not None and query_mode == FIRST
-        figures = video.figures(prediction.tracks, prediction.occluded) if own else {}
+        own = video.figures if query_mode == FIRST else None
+        figures = {} if own is None else own(prediction.tracks, prediction.occluded)
         scores[name] = {**metrics, **figures}
         objects = None if masks is None or name in without_masks else masks.of(name)
         splits[name] = score_splits(queries, prediction, query_mode, objects)
