@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from decomotion.errors import InputError, TrainingError
+from decomotion.extras import remedy
 from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
@@ -25,8 +26,8 @@ OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     """Runs `command` on `argv` (default: the process's arguments) and returns the exit code.
 
-    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of the training extra
-    that is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
+    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of an extra that
+    is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     for package in OUR_PACKAGES:
@@ -46,7 +47,7 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         library = (error.name or "").split(".")[0]
         if library in OUR_PACKAGES:
             raise
-        click.echo(f"Error: {library} is not installed; run: pip install 'decomotion[train]'", err=True)
+        click.echo(f"Error: {library} is not installed; run: {remedy(library)}", err=True)
         return BAD_INPUT
     except OSError as error:
         if error.filename is None and error.errno not in DISK_FAILURES:

@@ -15,6 +15,7 @@ import pytest
 import torch
 
 import decomotion
+from decomotion.extras import EXTRA_OF
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -40,6 +41,15 @@ def test_wheel_editable_install_and_pyright_see_the_same_packages():
     for package in packages:
         assert (ROOT / package / "py.typed").is_file()
         assert importlib.import_module(Path(package).name).__file__ == str(ROOT / package / "__init__.py")
+
+
+def test_the_extra_of_each_library_installs_it():
+    requirements = PYPROJECT["project"]["optional-dependencies"]
+    for library, extra in EXTRA_OF.items():
+        names = {extra: [re.split(r"[^\w-]", each)[0] for each in of] for extra, of in requirements.items()}
+        assert library in names[extra]
+        assert library not in names["train"]
+        assert not [each for each in PYPROJECT["project"]["dependencies"] if each.startswith(library)]
 
 
 def test_a_wrong_shape_fails_in_tests():

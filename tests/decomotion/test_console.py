@@ -98,9 +98,13 @@ def test_a_full_disk_in_a_thread_is_told_by_who_waits_for_it(
     assert threading.excepthook is hook
 
 
-def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.CaptureFixture[str]):
-    assert run(raising(ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")), []) == 2
-    assert capsys.readouterr().err == "Error: torch is not installed; run: pip install 'decomotion[train]'\n"
+@pytest.mark.parametrize(
+    ("module", "extra"), [("torch.nn", "train"), ("torchvision.models", "raft"), ("timm", "dino"), ("jinja2", "report")]
+)
+def test_without_an_extra_it_says_what_to_install(module: str, extra: str, capsys: pytest.CaptureFixture[str]):
+    assert run(raising(ModuleNotFoundError(f"No module named {module!r}", name=module)), []) == 2
+    library = module.split(".")[0]
+    assert capsys.readouterr().err == f"Error: {library} is not installed; run: pip install 'decomotion[{extra}]'\n"
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,12 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from decomo_eval.errors import EvalError
 from decomo_eval.metrics import THRESHOLDS
+from decomotion.extras import remedy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,11 +37,12 @@ STYLE: Any = {
 
 
 def check_drawing() -> None:
-    """Raises `EvalError` where matplotlib is not installed."""
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise EvalError("reports and plots need matplotlib; run: pip install 'decomotion[report]'") from error
+    """Raises `EvalError` where what they need is not installed."""
+    for library in ("jinja2", "matplotlib"):
+        try:
+            import_module(library)
+        except ModuleNotFoundError as error:
+            raise EvalError(f"reports and plots need {library}; run: {remedy(library)}") from error
 
 
 def video_bars(values: Mapping[str, float], mean: float, title: str) -> str:
