@@ -39,9 +39,11 @@ GROUND_FLOOR = [
     "decomotion.presets",
     "decomotion.pseudo_depth",
     "decomotion.quality",
+    "decomotion.source",
     "decomotion.times",
     "decomotion.tracker_files",
     "decomotion.units",
+    "decomotion.version",
     "decomotion.windows",
 ]
 """What every package may use of the trainer's: small modules without torch."""
@@ -69,6 +71,7 @@ FETCHED = {
 OF_AN_EXTRA = {
     "decomotion.jobs.cluster": "ray",
     "decomo_eval.report.charts": "report",
+    "decomo_eval.report.published": "report",
     "decomo_eval.report.writer": "report",
     "decomotion.data.flow.raft": "raft",
     "decomotion.data.features.dino": "dino",
@@ -81,7 +84,7 @@ SHARED_BY_THE_PROCESS = (
 )
 RESTORES = ["decomotion.jobs.cluster"]
 """Modules that change some of it for a while: their tests see it restored."""
-SELDOM_ASKED_FOR = ["ray", "jinja2", "matplotlib", "OpenEXR"]
+SELDOM_ASKED_FOR = ["ray", "jinja2", "matplotlib", "yaml", "OpenEXR"]
 """What those extras install."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
 TRAINING_ONLY = [

@@ -65,6 +65,7 @@ def test_readme_begins_with_two_one_line_commands():
     assert "'.[train]'" in main_job
     further = (
         "decomo-prepare",
+        "decomo-info",
         "decomo-convert",
         "decomo-flow",
         "decomo-propagate",

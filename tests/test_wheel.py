@@ -87,7 +87,7 @@ def test_wheel_holds_packages_configs_and_licence_and_nothing_else(wheel: Path):
     assert {name for name in names if name.endswith(".py")} == in_tree
 
 
-@pytest.mark.parametrize("library", ["torch", "torchvision", "timm", "kornia", "onnx", "jinja2", "matplotlib"])
+@pytest.mark.parametrize("library", ["torch", "torchvision", "timm", "kornia", "onnx", "jinja2", "matplotlib", "yaml"])
 def test_libraries_of_extras_are_absent(library: str, bin_folder: Path, tmp_path: Path):
     result = run(bin_folder / "python", "-c", f"import {library}", cwd=tmp_path)
     assert result.returncode == 1

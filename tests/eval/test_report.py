@@ -182,7 +182,7 @@ def test_drawing_changes_no_setting_of_matplotlib() -> None:
     assert dict(matplotlib.rcParams) == before
 
 
-@pytest.mark.parametrize("library", ["matplotlib", "jinja2"])
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2", "yaml"])
 @pytest.mark.parametrize("option", ["--report", "--plots"])
 def test_without_a_library_of_reports_the_extra_is_named_before_anything_is_scored(
     dataset: Path,

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from decomo_eval.errors import EvalError
 from decomo_eval.metrics import THRESHOLDS
-from decomotion.extras import remedy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,11 +37,11 @@ STYLE: Any = {
 
 def check_drawing() -> None:
     """Raises `EvalError` where what they need is not installed."""
-    for library in ("jinja2", "matplotlib"):
+    for library in ("jinja2", "matplotlib", "yaml"):
         try:
             import_module(library)
         except ModuleNotFoundError as error:
-            raise EvalError(f"reports and plots need {library}; run: {remedy(library)}") from error
+            raise EvalError(f"reports and plots need {library}; run: pip install 'decomotion[report]'") from error
 
 
 def video_bars(values: Mapping[str, float], mean: float, title: str) -> str:
