@@ -64,7 +64,9 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
 
 
 def versioned(command: click.Command) -> click.Command:
-    """The same command, with the option `--version`."""
+    """The same command, with the option `--version`; so are the commands of a group."""
+    for each in command.commands.values() if isinstance(command, click.Group) else ():
+        versioned(each)
     if all(parameter.name != "version" for parameter in command.params):
         click.version_option(package_name="decomotion", message="%(prog)s %(version)s")(command)
     return command

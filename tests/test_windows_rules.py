@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +47,7 @@ def test_the_rules(tmp_path: Path):
             (tmp_path / "new").rename(tmp_path / "a:b")
 
 
+@pytest.mark.slow
 def test_prepare_fit_resume_export_and_ask(frames: Path, tmp_path: Path):
     with windows_rules() as renamed:
         prepare = [str(frames), *SET_TINY, "--preview", "sheet.png"]
@@ -69,7 +69,7 @@ def test_prepare_fit_resume_export_and_ask(frames: Path, tmp_path: Path):
             str(frames),
         ]
         assert decomo_runtime.cli.main(asked) == 0
-        os.mkdir("flow")  # an empty folder is taken
+        Path("flow").mkdir()  # an empty folder is taken
         assert flow(["model.onnx", "--from", "0", "--to", "2", "--out", "flow"]) == 0
         assert decomo_eval.sample.cli.main(["sample", "--frames", "4", "--size", "48"]) == 0
         assert decomo_eval.sample.cli.main(["sample", "--frames", "5", "--size", "48", "--force"]) == 0

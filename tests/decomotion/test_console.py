@@ -10,6 +10,7 @@ from collections.abc import Callable
 import click
 import pytest
 
+import decomotion
 from decomotion.console import run
 from decomotion.errors import CheckpointError, ClipError, ConfigError, InputError, SupervisionError, TrainingError
 
@@ -50,6 +51,13 @@ def test_bad_input_is_2_and_one_sentence(family: type[InputError], capsys: pytes
 def test_bad_usage_is_2_and_names_the_argument(argv: list[str], capsys: pytest.CaptureFixture[str]):
     assert run(command_that(lambda: None), argv) == 2
     assert argv[-1 if argv[0] != "--stepz" else 0] in capsys.readouterr().err
+
+
+def test_commands_of_a_group_tell_their_version_too(capsys: pytest.CaptureFixture[str]):
+    group = click.Group("tool", commands=[raising(AssertionError("ran"))])
+    for argv in (["--version"], ["command", "--version"]):
+        assert run(group, argv) == 0
+        assert capsys.readouterr().out.endswith(f" {decomotion.__version__}\n")
 
 
 def test_failed_optimisation_is_1(capsys: pytest.CaptureFixture[str]):

@@ -127,7 +127,7 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_OCCLUSION_THRESHOLD: "0.5",
         contract.META_OBJECT_SHARE: "0.1",
         contract.META_WRITER_VERSION: code_version(),
-        contract.META_FITTED_BY: code_version(),
+        contract.META_FITTED_BY: checkpoint.load(exported.run / checkpoint.FILE_NAME).code,
         contract.META_STEPS: "20" if name == "fitted" else "1",
         contract.META_BUDGET: json.dumps({"steps": 20 if name == "fitted" else 9, "seconds": None}),
         contract.META_BAKE: exported.bake,
