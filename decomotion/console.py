@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import signal
@@ -32,6 +33,10 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # on Windows a file or pipe may be of 256 characters: names have others
+        sys.stdout.reconfigure(errors="backslashreplace")
     if os.environ.pop(ENDS_WITH_STDIN, None):
         threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import logging
 import threading
 from collections.abc import Callable
@@ -58,6 +59,14 @@ def test_commands_of_a_group_tell_their_version_too(capsys: pytest.CaptureFixtur
     for argv in (["--version"], ["command", "--version"]):
         assert run(group, argv) == 0
         assert capsys.readouterr().out.endswith(f" {decomotion.__version__}\n")
+
+
+def test_what_the_output_s_encoding_lacks_is_escaped(monkeypatch: pytest.MonkeyPatch):
+    output = io.TextIOWrapper(io.BytesIO(), encoding="cp1252", newline="")
+    monkeypatch.setattr("sys.stdout", output)
+    assert run(command_that(lambda: click.echo("clip café 猫")), []) == 0
+    output.flush()
+    assert output.buffer.getvalue() == "clip café ".encode("cp1252") + b"\\u732b\n"
 
 
 def test_failed_optimisation_is_1(capsys: pytest.CaptureFixture[str]):
