@@ -24,6 +24,7 @@ COMMANDS = (
     ),
     Command("train", "decomotion.cli", "command", "Fit a model to a clip."),
     Command("export", "decomo_export.cli", "command", "Freeze a fitted model into one .onnx file."),
+    Command("info", "decomo_runtime.info_cli", "info", "Show a model's card: its clip, its fit, how good it is."),
     Command("track", "decomo_runtime.cli", "track", "Follow points through the clip."),
     Command("batch", "decomotion.batch.cli", "command", "Fit, export and track all clips of a folder or list."),
     Command("convert", "decomo_runtime.convert_cli", "convert", "Bring tracks into the files of other tools."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import signal
@@ -14,6 +15,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from decomotion.errors import InputError, TrainingError
+from decomotion.extras import remedy
 from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
@@ -28,12 +30,16 @@ OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     """Runs `command` on `argv` (default: the process's arguments) and returns the exit code.
 
-    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of the training extra
-    that is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
+    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of an extra that
+    is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # on Windows a file or pipe may be of 256 characters: names have others
+        sys.stdout.reconfigure(errors="backslashreplace")
     if os.environ.pop(ENDS_WITH_STDIN, None):
         threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:
@@ -49,7 +55,7 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         library = (error.name or "").split(".")[0]
         if library in OUR_PACKAGES:
             raise
-        click.echo(f"Error: {library} is not installed; run: pip install 'decomotion[train]'", err=True)
+        click.echo(f"Error: {library} is not installed; run: {remedy(library)}", err=True)
         return BAD_INPUT
     except OSError as error:
         if error.filename is None and error.errno not in DISK_FAILURES:
@@ -66,7 +72,9 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
 
 
 def versioned(command: click.Command) -> click.Command:
-    """The same command, with the option `--version`."""
+    """The same command, with the option `--version`; so are the commands of a group."""
+    for each in command.commands.values() if isinstance(command, click.Group) else ():
+        versioned(each)
     if all(parameter.name != "version" for parameter in command.params):
         click.version_option(package_name="decomotion", message="%(prog)s %(version)s")(command)
     return command

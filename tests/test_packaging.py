@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import shlex
 import subprocess
@@ -13,8 +14,10 @@ from pathlib import Path
 import jaxtyping
 import pytest
 import torch
+import yaml
 
 import decomotion
+from decomotion.extras import EXTRA_OF
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -43,6 +46,44 @@ def test_wheel_editable_install_and_pyright_see_the_same_packages():
         assert importlib.import_module(Path(package).name).__file__ == str(ROOT / package / "__init__.py")
 
 
+def test_version_changelog_and_citation_agree():
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    releases = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - (\d{4}-\d\d-\d\d)$", changelog, re.MULTILINE)
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (citation["version"], citation["date-released"].isoformat()) == releases[0]
+    assert releases[0][0] == decomotion.__version__
+    assert citation["license"] == PYPROJECT["project"]["license"]
+    assert citation["references"][0]["title"] == "Decomposition Betters Tracking Everything Everywhere"
+
+
+def test_the_matrix_is_of_all_that_the_package_says_it_runs_on():
+    project = PYPROJECT["project"]
+    named = [found[1] for each in project["classifiers"] if (found := re.search(r"Python :: (3\.\d+)$", each))]
+    assert project["requires-python"] == f">={named[0]}"
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "matrix.yml").read_text(encoding="utf-8"))
+    for job in workflow["jobs"].values():
+        assert job["strategy"]["matrix"]["python"] == named
+        assert len(job["strategy"]["matrix"]["os"]) == len([e for e in project["classifiers"] if "Operating" in e])
+
+
+def test_a_release_is_built_by_the_script_and_published_without_a_token():
+    text = (ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8")
+    build, publish = yaml.safe_load(text)["jobs"].values()
+    assert ".ci/package dist" in [step.get("run") for step in build["steps"]]
+    assert publish["permissions"] == {"id-token": "write"}
+    assert "secrets." not in text
+    assert os.access(ROOT / ".ci" / "package", os.X_OK)
+
+
+def test_the_extra_of_each_library_installs_it():
+    requirements = PYPROJECT["project"]["optional-dependencies"]
+    for library, extra in EXTRA_OF.items():
+        names = {extra: [re.split(r"[^\w-]", each)[0] for each in of] for extra, of in requirements.items()}
+        assert library in names[extra]
+        assert library not in names["train"]
+        assert not [each for each in PYPROJECT["project"]["dependencies"] if each.startswith(library)]
+
+
 def test_a_wrong_shape_fails_in_tests():
     """The pytest option `--jaxtyping-packages` at work: unchecked, these two would broadcast."""
     from decomotion.compositing import composite
@@ -56,6 +97,7 @@ def test_readme_begins_with_two_one_line_commands():
     assert "'.[train]'" in main_job
     further = (
         "decomo-prepare",
+        "decomo-info",
         "decomo-convert",
         "decomo-flow",
         "decomo-propagate",

@@ -11,8 +11,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from decomo_eval.columns import COLUMNS
 from decomo_eval.measure import told
 from decomo_eval.report.clips import NEAR, WorstClips
@@ -76,6 +74,8 @@ class ReportWriter:
         return page
 
     def _page(self, report: Report) -> str:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
         jinja = Environment(loader=PackageLoader("decomo_eval.report", "."), autoescape=True, undefined=StrictUndefined)
         return jinja.get_template("page.html.j2").render(
             report=report,
