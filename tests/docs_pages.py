@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import re
 import shlex
 import tomllib
@@ -19,7 +19,7 @@ SOURCES = [str(ROOT / part) for part in ("", "export", "runtime", "eval")]
 """Where the packages are imported from."""
 
 _BLOCK = re.compile(r"^(?P<comment><!-- (?P<mark>[^\n]*) -->\n)?```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
-_NEEDS = re.compile(r"needs (\w+)")
+_NEEDS = re.compile(r"needs ([\w.]+)")
 _NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
@@ -48,13 +48,20 @@ def blocks(page: Path) -> list[Block]:
         mark = match["mark"] or ""
         reason = mark.removeprefix("not run: ") if mark.startswith("not run: ") else None
         needed = _NEEDS.match(mark)
-        if needed and importlib.util.find_spec(needed[1]) is None:
+        if needed and not _is_there(needed[1]):
             reason = mark
         if mark and reason is None and not needed:
             raise ValueError(f"{page}: a comment above a block that says nothing to it: {mark}")
         line = content.count("\n", 0, match.start("language")) + 1
         found.append(Block(match["language"], match["text"], line, reason))
     return found
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # nor is what holds it
+        return False
 
 
 def write_commands(folder: Path, python: str) -> Path:

@@ -13,7 +13,7 @@ import pytest
 from docs_pages import ROOT, SOURCES, Block, blocks, missing, unknown_options, write_commands
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-SECONDS = 120
+SECONDS = 300
 """That a block may take."""
 LANGUAGES = {"sh", "python", "text", "csv", "yaml"}
 
@@ -73,7 +73,7 @@ def test_what_a_tutorial_says_works(page: Path, environment: dict[str, str], tmp
     ],
 )
 def test_what_is_not_run_is_told(page: Path, block: Block):
-    if block.language == "sh":
+    if block.language == "sh" and not block.not_run.startswith("needs"):
         assert not list(unknown_options(block))
     pytest.skip(f"{page.name}, line {block.line}: {block.not_run}")
 
