@@ -1,9 +1,9 @@
 """Pictures of what goes wrong, for docs/troubleshooting.md. The page names the command of each.
 
-    python benchmarks/symptoms.py mask horsejump-high.onnx davis480p/frames/horsejump-high 25 swallowed.jpg
-    python benchmarks/symptoms.py error lab-coat.onnx lab-coat 4 24 flat.jpg
-    python benchmarks/symptoms.py truth sample 0 12 starved.jpg few.onnx enough.onnx
-    python benchmarks/symptoms.py blurred davis480p/frames/parkour@0:30 10 20 parkour-blurred cut.jpg
+python benchmarks/symptoms.py mask horsejump-high.onnx davis480p/frames/horsejump-high 25 swallowed.jpg
+python benchmarks/symptoms.py error lab-coat.onnx lab-coat 4 24 flat.jpg
+python benchmarks/symptoms.py truth sample 0 12 starved.jpg few.onnx enough.onnx
+python benchmarks/symptoms.py blurred davis480p/frames/parkour@0:30 10 20 parkour-blurred cut.jpg
 """
 
 from __future__ import annotations
