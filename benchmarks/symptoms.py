@@ -17,6 +17,7 @@ import numpy as np
 
 from decomo_eval import read_dataset
 from decomo_runtime import Tracker
+from decomo_runtime.errors import TracksFileError
 from decomo_runtime.layers import render
 from decomotion.clip import read_clip
 from decomotion.console import run
@@ -59,7 +60,9 @@ def error(model: Path, clip: Path, start: int, frame: int, out: Path) -> None:
     x, y = np.meshgrid(np.arange(step / 2, tracker.width, step), np.arange(step / 2, tracker.height, step))
     queries = np.stack([np.full(x.size, start), x.ravel(), y.ravel()], axis=1).astype(np.float32)
     tracks = tracker.track(queries, [start, frame])
-    shades = np.uint8(255 * np.clip(tracks.error / WORST, 0, 1))
+    if tracks.error is None:
+        raise TracksFileError(f"{model} tells no errors; export it anew")
+    shades = np.clip(255 * tracks.error / WORST, 0, 255).astype(np.uint8)
     pictures = []
     for column, number in enumerate((start, frame)):
         picture, scale = _enlarged(frames[number])
@@ -104,7 +107,9 @@ def truth(sample: Path, start: int, frame: int, out: Path, models: tuple[Path, .
 def blurred(clip: Path, begin: int, end: int, folder: Path, out: Path) -> None:
     """Write CLIP with frames from BEGIN up to but without END out of focus as FOLDER, and draw the frames around."""
     frames = list(read_clip(clip).frames)
-    frames[begin:end] = [cv2.GaussianBlur(frame, (0, 0), frame.shape[1] / 17) for frame in frames[begin:end]]
+    for number in range(begin, end):
+        soft = cv2.GaussianBlur(frames[number], (0, 0), frames[number].shape[1] / 17)
+        frames[number] = soft.astype(np.uint8)
     folder.mkdir(parents=True)
     for number, frame in enumerate(frames):
         (folder / f"{number:05}.jpg").write_bytes(jpeg(frame, 95))
