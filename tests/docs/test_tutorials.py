@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -35,10 +37,10 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     }
 
 
-def run(block: Block, environment: dict[str, str], folder: Path) -> str:
+def run(block: Block, environment: dict[str, str], folder: Path, seconds: float = SECONDS) -> str:
     """What the block prints, both streams in one."""
     start = [sys.executable, "-c"] if block.language == "python" else ["bash", "-euo", "pipefail", "-c"]
-    done = subprocess.run(
+    with subprocess.Popen(
         [*start, block.text],
         cwd=folder,
         env=environment,
@@ -46,10 +48,15 @@ def run(block: Block, environment: dict[str, str], folder: Path) -> str:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",
-        timeout=SECONDS,
-    )
-    assert done.returncode == 0, f"the block of line {block.line} ends with {done.returncode}:\n{done.stdout[-4000:]}"
-    return done.stdout
+        start_new_session=True,
+    ) as process:
+        try:
+            printed, _ = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)  # with all that it has started
+            raise
+    assert process.returncode == 0, f"the block of line {block.line} ends with {process.returncode}:\n{printed[-4000:]}"
+    return printed
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -84,6 +91,25 @@ def test_a_tutorial_tells_its_time_and_its_blocks_have_a_language(page: Path):
     assert re.search(r"^\*\*Time\.\*\* ", text, re.M)
     assert {block.language for block in blocks(page)} <= LANGUAGES
     assert 2 * len(blocks(page)) == len(re.findall(r"^```", text, re.M)), "a fence without a language, or indented"
+
+
+def test_a_block_that_does_not_end_is_ended_with_its_children(environment: dict[str, str], tmp_path: Path):
+    block = Block("sh", "sleep 60 & echo $! > child; wait", 1)
+    with pytest.raises(subprocess.TimeoutExpired):
+        run(block, environment, tmp_path, seconds=1)
+    child = int((tmp_path / "child").read_text())
+    for _ in range(100):
+        if not _is_alive(child):
+            return
+        time.sleep(0.05)
+    pytest.fail("the child lives on")
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 def test_lines_are_compared_but_for_their_numbers():
