@@ -38,6 +38,7 @@ GROUND_FLOOR = [
     "decomotion.presets",
     "decomotion.pseudo_depth",
     "decomotion.quality",
+    "decomotion.tables",
     "decomotion.times",
     "decomotion.tracker_files",
     "decomotion.units",

@@ -25,7 +25,7 @@ from decomo_runtime.formats.frames import in_order, scores
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.formats.keys import shown
 from decomo_runtime.formats.objects import objects_of
-from decomo_runtime.tables import opened_table
+from decomotion.tables import opened_table
 from decomo_runtime.tracks import Tracks
 from decomotion.files import check_room
 
