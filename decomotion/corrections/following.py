@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 
 from decomotion.model.fusion import DecoMotion, PairConditioning
-from decomotion.model.readout import Surface, answer, carry, static_owns, surface_of
+from decomotion.model.readout import Surface, answer, carry, static_owns
 from decomotion.rays import lift
 
 AT_ONCE = 2**14
@@ -53,9 +53,7 @@ def follow(model: DecoMotion, queries: npt.NDArray[np.floating]) -> Followed:
 
 
 @torch.no_grad()
-def see(
-    model: DecoMotion, frame: int, xy: npt.NDArray[np.floating], volume: str | None = None
-) -> Seen:
+def see(model: DecoMotion, frame: int, xy: npt.NDArray[np.floating], volume: str | None = None) -> Seen:
     """Where what is seen at `xy` [N, 2], pixels of `frame`, lies in all frames; with `volume`, in that one alone."""
     device = next(model.parameters()).device
     conditioning = model.condition(torch.arange(model.num_frames, device=device))

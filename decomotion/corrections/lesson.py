@@ -1,86 +1,125 @@
 """The supervision of a short fit: a pool like any other (`decomotion.data.pool`), in memory.
 
-Its points are, in every frame, those of the trusted tracks, those at which a corrected point is hidden, and random ones
-whose links are the finished model's own answers: what is far from the corrections has nothing to learn, and stays.
+The points of every frame are
+
+- random ones, whose links are the finished model's own answers: what is far from the corrections has nothing to learn;
+- those of the trusted tracks;
+- those around corrected points in the frames in which they are hidden, which are to belong to the other volume.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from decomotion.corrections.following import see
-from decomotion.corrections.trusted import REACH, Bent, TrustedTracks, contradiction
+from decomotion.corrections.trusted import REACH, Bent, TrustedTracks, contradiction, offsets_around
 from decomotion.data.pool import UNKNOWN_MOTION, PackedPositions, Pool, pack
+from decomotion.data.prepare import Preparation
 from decomotion.data.sampling import bilinear
 from decomotion.frames import AnyFrames
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import OBJECT_SHARE
 
-ANCHORS = 1024
-"""Random points of a frame that stay, at least; there are as many as trusted ones."""
+STAYING = 1024
+"""Random points of a frame, at least; there are as many as of the other kinds together."""
+COVERING = 25
+"""Points of what hides a corrected point in a frame."""
 
 
-def lesson(
-    model: DecoMotion, pool: Pool, frames: AnyFrames, tracks: TrustedTracks, random: np.random.Generator
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Some of the points of one frame."""
+
+    xy: npt.NDArray[np.floating]
+    """[N, 2], pixels."""
+    targets: npt.NDArray[np.floating]
+    """[N, T, 2], pixels."""
+    confidence: npt.NDArray[np.floating]
+    """[N, T]."""
+    moving: npt.NDArray[np.integer]
+    """[N], as the pool's."""
+
+
+def lesson_pool(
+    model: DecoMotion,
+    prepared: Preparation,
+    frames: AnyFrames,
+    tracks: TrustedTracks,
+    random: np.random.Generator,
 ) -> Pool:
     """The pool of the short fit.
 
     Args:
-        model: the finished model, which is asked.
-        pool: what it was fitted to.
+        model: the finished model.
+        prepared: the supervision that it was fitted to.
         frames: of the clip.
         tracks: the trusted tracks.
-        random: draws the points that stay.
+        random: draws the points whose links stay.
     """
-    length, unit, side = pool.num_frames, model.plane.unit, pool.longer_side
-    count = max(ANCHORS, len(tracks.xy))
-    covers = _covers(model, tracks)
-    points, rgb, feature, moving, targets, confidence = [], [], [], [], [], []
-    every = np.arange(length)
-    size = np.array([model.plane.width, model.plane.height])
-    for frame in range(length):
-        here = np.full((1, 1), frame)
-        stay = (random.random((count, 2)) * size - 0.5).astype(np.float32)
-        seen = see(model, frame, stay)
-        wrong = contradiction(tracks.bent, here, stay[:, None], every[None], seen.xy, unit)
-        sure = np.abs(2 * seen.static_confidence - 1)[:, None] * (1 - wrong)
-        owner = (seen.static_confidence < 1 - OBJECT_SHARE).astype(np.uint8)
-        owner[_uncertain(tracks.bent, frame, stay, unit)] = UNKNOWN_MOTION
-        given = np.minimum(tracks.trust, tracks.trust[:, frame, None])
-        cover = covers[frame]
-        at = np.concatenate([stay, tracks.xy[:, frame], cover[0]]).clip(0, size - 1).astype(np.float32)
-        points.append(at)
-        rgb.append(bilinear(frames[frame], at))
-        nearest = ((pool.points[frame][None] - at[:, None]) ** 2).sum(-1).argmin(1)
-        feature.append(pool.feature[frame][nearest])
-        moving.append(np.concatenate([owner, tracks.moving, cover[3]]))
-        targets.append(pack(np.concatenate([seen.xy, tracks.xy, cover[1]]), side))
-        conf = np.concatenate([sure, given, cover[2]])
-        conf[:, frame] = 0
-        confidence.append(np.round(255 * conf).astype(np.uint8))
-    return Pool(
-        points=np.stack(points),
-        targets=PackedPositions(np.stack(targets).swapaxes(1, 2), side),
-        confidence=np.stack(confidence).swapaxes(1, 2),
-        rgb=np.stack(rgb).astype(np.uint8),
-        feature=np.stack(feature),
-        moving=np.stack(moving).astype(np.uint8),
-        camera=pool.camera,
-        object=pool.object,
-        longer_side=side,
-        thinned=pool.thinned,
-    )
+    pool, plane = prepared.pool, model.plane
+    last = np.array([plane.width - 1, plane.height - 1])
+    hiding = [(each, int(frame)) for each in tracks.bent for frame in each.point.hidden]
+    count = max(STAYING, len(tracks.xy) + COVERING * len(hiding))
+    columns: dict[str, list[npt.NDArray]] = {
+        name: [] for name in ("points", "targets", "confidence", "rgb", "feature", "moving")
+    }
+    for frame in range(pool.num_frames):
+        kinds = [
+            _staying(model, tracks.bent, frame, random.random((count, 2)) * (last + 1) - 0.5),
+            _trusted(tracks, frame),
+            *(_covering(model, each, hidden, frame) for each, hidden in hiding),
+        ]
+        xy = np.concatenate([kind.xy for kind in kinds]).clip(0, last).astype(np.float32)
+        confidence = np.concatenate([kind.confidence for kind in kinds])
+        confidence[:, frame] = 0
+        columns["points"].append(xy)
+        columns["targets"].append(pack(np.concatenate([kind.targets for kind in kinds]), pool.longer_side))
+        columns["confidence"].append(np.round(255 * confidence).astype(np.uint8))
+        columns["rgb"].append(np.round(bilinear(frames[frame], xy)).astype(np.uint8))
+        columns["feature"].append(pool.feature[frame, _cells(xy, prepared.grid, plane.height, plane.width)])
+        columns["moving"].append(np.concatenate([kind.moving for kind in kinds]).astype(np.uint8))
+    stacked = {name: np.stack(each) for name, each in columns.items()}
+    targets = PackedPositions(stacked.pop("targets").swapaxes(1, 2), pool.longer_side)
+    stacked["confidence"] = stacked["confidence"].swapaxes(1, 2)
+    return Pool(**stacked, targets=targets, camera=pool.camera, object=pool.object, longer_side=pool.longer_side)
 
 
-def _uncertain(bent, frame, xy, unit):
-    near = np.zeros(len(xy), bool)
+def _staying(model: DecoMotion, bent: Sequence[Bent], frame: int, xy: npt.NDArray[np.floating]) -> _Points:
+    """Links as the model has them: less surely where it does not know the owner, and where corrections contradict."""
+    every, unit = np.arange(model.num_frames)[None], model.plane.unit
+    seen = see(model, frame, xy)
+    wrong = contradiction(bent, np.full((1, 1), frame), xy[:, None], every, seen.xy, unit)
+    moving = (seen.static_confidence < 1 - OBJECT_SHARE).astype(np.uint8)
     for each in bent:
-        near |= np.linalg.norm(xy - each.xy[frame], axis=-1) < 2 * REACH * unit
-    return near
+        near = np.linalg.norm(xy - each.xy[frame], axis=-1) < REACH * unit
+        moving[near & ((moving != each.moving) | (frame in each.point.hidden))] = UNKNOWN_MOTION
+    return _Points(xy, seen.xy, np.abs(2 * seen.static_confidence - 1)[:, None] * (1 - wrong), moving)
 
 
-def _covers(model, tracks):
-    length = model.num_frames
-    empty = (np.zeros((0, 2)), np.zeros((0, length, 2)), np.zeros((0, length)), np.zeros(0))
-    return [empty] * length
+def _trusted(tracks: TrustedTracks, frame: int) -> _Points:
+    confidence = np.minimum(tracks.trust, tracks.trust[:, frame, None])
+    moving = np.where(tracks.trust[:, frame] > 0, tracks.moving, UNKNOWN_MOTION)
+    return _Points(tracks.xy[:, frame], tracks.xy, confidence, moving)
+
+
+def _covering(model: DecoMotion, bent: Bent, hidden: int, frame: int) -> _Points:
+    """What hides a point in frame `hidden`: it moves as the other volume does there. Says nothing of other frames."""
+    places = bent.xy[hidden] + offsets_around(COVERING, REACH * model.plane.unit)
+    if frame != hidden or model.config.volumes != "fused":
+        nowhere = np.zeros((COVERING, model.num_frames))
+        unknown = np.full(COVERING, UNKNOWN_MOTION)
+        return _Points(places, np.broadcast_to(places[:, None], (*nowhere.shape, 2)), nowhere, unknown)
+    seen = see(model, hidden, places, "static" if bent.moving else "dynamic")
+    near = np.exp(-0.5 * (np.linalg.norm(places - bent.xy[hidden], axis=-1) / (REACH * model.plane.unit)) ** 2)
+    trust = np.broadcast_to(near[:, None], (COVERING, model.num_frames)).copy()
+    return _Points(places, seen.xy, trust, np.full(COVERING, not bent.moving))
+
+
+def _cells(xy: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int) -> npt.NDArray[np.int64]:
+    """[N]: the points of the pool's jittered grid of (rows, columns) in whose cells `xy` [N, 2] lie."""
+    x, y = ((xy + 0.5) * np.array([grid[1] / width, grid[0] / height])).astype(np.int64).T
+    return y.clip(0, grid[0] - 1) * grid[1] + x.clip(0, grid[1] - 1)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.corrections.following import Followed, Seen, follow, see
+from decomotion.corrections.following import Followed, follow, see
 from decomotion.corrections.points import CorrectedPoint
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import OBJECT_SHARE
@@ -23,9 +23,8 @@ REACH = 3.0
 """Standard deviation, in units, of the trust in what lies around a known place."""
 FARTHEST = 2.0
 """Standard deviations that are looked at."""
-MOST = 1024
-"""Points around all places, about, and at least `FEWEST` at each."""
-FEWEST, USUAL = 5, 49
+AROUND, FEWEST = 512, 5
+"""Points around all places, about, and at least so many around each."""
 INFERRED = 0.5
 """Trust in a place of a frame in which none is known."""
 STRAIN = 0.5
@@ -65,7 +64,7 @@ class TrustedTracks:
 def trusted_tracks(model: DecoMotion, points: Sequence[CorrectedPoint]) -> TrustedTracks:
     """The tracks of corrected points, and of those around them, in a clip that `model` was fitted to."""
     places = sum(len(point.frames) for point in points)
-    offsets = _offsets(int(np.clip(MOST // places, FEWEST, USUAL)), REACH * model.plane.unit)
+    offsets = offsets_around(max(AROUND // places, FEWEST), REACH * model.plane.unit)
     bent, around = [], []
     for point in points:
         known = follow(model, np.column_stack([point.frames, point.xy]))
@@ -119,7 +118,7 @@ def _around(
     return xy, np.where(outside, 0, trust), np.full(len(xy), bent.moving)
 
 
-def _offsets(count: int, deviation: float) -> npt.NDArray[np.float64]:
+def offsets_around(count: int, deviation: float) -> npt.NDArray[np.float64]:
     """About `count` offsets within `FARTHEST` deviations, (0, 0) first: a sunflower's seeds."""
     number = np.arange(count)
     radius = FARTHEST * deviation * np.sqrt(number / max(1, count - 1))
@@ -137,15 +136,20 @@ def contradiction(
 ) -> npt.NDArray[np.float32]:
     """How far links from `xy` [..., 2] in `frame` [...] to `target_xy` in `target` contradict bent tracks, 0 to 1.
 
-    They do where one end is near a corrected point that is in sight and the other one is not where the point then is.
+    A link does where one of its ends is near a corrected point and the other is not where the point then is, or where
+    it follows the point to or from a frame in which that is known to be hidden. `unit` is in pixels of the clip.
     """
     worst = np.zeros(np.broadcast_shapes(frame.shape, target.shape, xy.shape[:-1], target_xy.shape[:-1]), np.float32)
     for each in bent:
+        hidden = np.zeros(len(each.xy), np.bool_)
+        hidden[each.point.hidden] = True
+        followed = each.in_sight[frame] & each.in_sight[target]
+        lost = hidden[frame] | hidden[target]
         for one, one_xy, other, other_xy in ((frame, xy, target, target_xy), (target, target_xy, frame, xy)):
             offset = one_xy - each.xy[one]
             distance = np.linalg.norm(offset, axis=-1)
+            near = np.exp(-0.5 * (distance / (REACH * unit)) ** 2)
             miss = np.linalg.norm(other_xy - each.xy[other] - offset, axis=-1)
-            near = np.exp(-0.5 * (distance / (REACH * unit)) ** 2) * each.in_sight[one]
-            wrong = (miss > AGREES * unit + STRAIN * distance) | ~each.in_sight[other]
-            worst = np.maximum(worst, np.where(wrong, near, 0))
+            agrees = miss <= AGREES * unit + STRAIN * distance
+            worst = np.maximum(worst, np.where((followed & ~agrees) | (lost & agrees), near, 0))
     return worst
