@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 
 from decomotion.model.fusion import DecoMotion, PairConditioning
-from decomotion.model.readout import Surface, answer, carry, static_owns
+from decomotion.model.readout import OBJECT_SHARE, Surface, answer, carry, static_owns
 from decomotion.rays import lift
 
 AT_ONCE = 2**14
@@ -32,6 +32,11 @@ class Seen(NamedTuple):
     """[N, T, 2], pixels."""
     static_confidence: npt.NDArray[np.float32]
     """[N]: 1 on the static scene."""
+
+    @property
+    def moving(self) -> npt.NDArray[np.bool_]:
+        """[N]: whether the dynamic volume owns them."""
+        return self.static_confidence < 1 - OBJECT_SHARE
 
 
 @torch.no_grad()

@@ -22,7 +22,6 @@ from decomotion.data.prepare import Preparation
 from decomotion.data.sampling import bilinear
 from decomotion.frames import AnyFrames
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.readout import OBJECT_SHARE
 
 STAYING = 1024
 """Random points of a frame, at least; there are as many as of the other kinds together."""
@@ -93,7 +92,7 @@ def _staying(model: DecoMotion, bent: Sequence[Bent], frame: int, xy: npt.NDArra
     every, unit = np.arange(model.num_frames)[None], model.plane.unit
     seen = see(model, frame, xy)
     wrong = contradiction(bent, np.full((1, 1), frame), xy[:, None], every, seen.xy, unit)
-    moving = (seen.static_confidence < 1 - OBJECT_SHARE).astype(np.uint8)
+    moving = seen.moving.astype(np.uint8)
     for each in bent:
         near = np.linalg.norm(xy - each.xy[frame], axis=-1) < REACH * unit
         moving[near & ((moving != each.moving) | (frame in each.point.hidden))] = UNKNOWN_MOTION

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from decomotion.corrections.following import Followed, follow, see
 from decomotion.corrections.points import CorrectedPoint
 from decomotion.model.fusion import DecoMotion
-from decomotion.model.readout import OBJECT_SHARE
 
 REACH = 3.0
 """Standard deviation, in units, of the trust in what lies around a known place."""
@@ -82,7 +81,7 @@ def _bent(model: DecoMotion, point: CorrectedPoint, known: Followed) -> Bent:
     seen[point.frames] = True
     seen[point.hidden] = False
     looks = [see(model, int(frame), place[None]) for frame, place in zip(point.frames, point.xy, strict=True)]
-    moving = any(look.static_confidence[0] < 1 - OBJECT_SHARE for look in looks)
+    moving = any(look.moving[0] for look in looks)
     if not moving:
         missed = [
             np.linalg.norm(look.xy[0, point.frames] - point.xy, axis=-1).max() / model.plane.unit for look in looks
@@ -101,8 +100,7 @@ def _around(
     inside = ((starts >= -0.5) & (starts <= np.array([plane.width, plane.height]) - 0.5)).all(axis=-1)
     starts, offsets = starts[inside], offsets[inside]
     looks = see(model, frame, starts)
-    moving = looks.static_confidence < 1 - OBJECT_SHARE
-    alike = moving == moving[0]  # the place itself is the first
+    alike = looks.moving == looks.moving[0]  # the place itself is the first
     starts, offsets = starts[alike], offsets[alike]
     lie = looks.xy[alike] - own  # [n, T, 2], about the point
     lie[0], lie[:, frame] = 0, offsets
