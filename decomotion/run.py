@@ -12,6 +12,8 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from tqdm import tqdm
 
@@ -53,6 +55,8 @@ class Lesson:
 
     pool: Pool
     """From which batches are drawn, in place of the pool that the model was fitted to."""
+    frame_weights: npt.NDArray[np.floating]
+    """[frame]: how often from each."""
     contradicts: Contradicts
     """Tells links of that former pool that it is not to be judged by."""
     steps: int
@@ -85,8 +89,10 @@ class Run:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
         self.lesson = lesson
         self.held_out = HeldOut(pool, seed)
-        links = (pool, config.optim, self.held_out.links) if lesson is None else (lesson.pool, config.optim)
-        self.sampler = Sampler(*links)
+        if lesson is None:
+            self.sampler = Sampler(pool, config.optim, self.held_out.links)
+        else:
+            self.sampler = Sampler(lesson.pool, config.optim, frame_weights=lesson.frame_weights)
         set_precision(model, config.optim.autocast)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
         self.losses = applicable(config.loss, config.model.volumes)

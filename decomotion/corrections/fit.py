@@ -151,7 +151,15 @@ def _correct_one(
     links = lesson_pool(model, prepared, clip.frames, tracks, generator(seed, "corrections"))
     contradicts = partial(_contradicts, tracks.bent, model.plane.unit)
     steps = saved.training["step"] if saved.quality is None else saved.quality.steps
-    run = Run(folder, saved.clip, config, model, prepared.pool, seed, Lesson(links, contradicts, steps))
+    run = Run(
+        folder,
+        saved.clip,
+        config,
+        model,
+        prepared.pool,
+        seed,
+        Lesson(links, _frame_weights(points, len(clip)), contradicts, steps),
+    )
     run.budget = budget
     record = Record(saved.clip.digest, config, seed, budget)
     record.write(folder)
@@ -172,6 +180,15 @@ def short(config: Config) -> Config:
     )
     loss = {name: value_at(weight, 0) for name, weight in config.loss.items()}
     return config.model_copy(update={"optim": optim, "loss": loss})
+
+
+def _frame_weights(points: Sequence[CorrectedPoint], num_frames: int) -> npt.NDArray[np.float64]:
+    """[T]: all frames, and as often again those of which something is known."""
+    known = np.zeros(num_frames)
+    for point in points:
+        known[point.frames] += 1
+        known[point.hidden] += 1
+    return 0.5 / num_frames + 0.5 * known / known.sum()
 
 
 def _contradicts(

@@ -25,8 +25,8 @@ from decomotion.model.fusion import DecoMotion
 
 STAYING = 1024
 """Random points of a frame, at least; there are as many as of the other kinds together."""
-COVERING = 25
-"""Points of what hides a corrected point in a frame."""
+COVERING, FEWEST = 512, 16
+"""Points of what hides corrected points, about, and at least so many where it hides one in a frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +62,16 @@ def lesson_pool(
     pool, plane = prepared.pool, model.plane
     last = np.array([plane.width - 1, plane.height - 1])
     hiding = [(each, int(frame)) for each in tracks.bent for frame in each.point.hidden]
-    count = max(STAYING, len(tracks.xy) + COVERING * len(hiding))
+    covering = max(COVERING // max(1, len(hiding)), FEWEST)
+    count = max(STAYING, len(tracks.xy))
     columns: dict[str, list[npt.NDArray]] = {
         name: [] for name in ("points", "targets", "confidence", "rgb", "feature", "moving")
     }
     for frame in range(pool.num_frames):
         kinds = [
-            _staying(model, tracks.bent, frame, random.random((count, 2)) * (last + 1) - 0.5),
+            _staying(model, tracks.bent, frame, _places(pool, frame, count, last + 1, random)),
             _trusted(tracks, frame),
-            *(_covering(model, each, hidden, frame) for each, hidden in hiding),
+            *(_covering(model, each, hidden, frame, covering) for each, hidden in hiding),
         ]
         xy = np.concatenate([kind.xy for kind in kinds]).clip(0, last).astype(np.float32)
         confidence = np.concatenate([kind.confidence for kind in kinds])
@@ -85,6 +86,17 @@ def lesson_pool(
     targets = PackedPositions(stacked.pop("targets").swapaxes(1, 2), pool.longer_side)
     stacked["confidence"] = stacked["confidence"].swapaxes(1, 2)
     return Pool(**stacked, targets=targets, camera=pool.camera, object=pool.object, longer_side=pool.longer_side)
+
+
+def _places(
+    pool: Pool, frame: int, count: int, size: npt.NDArray[np.integer], random: np.random.Generator
+) -> npt.NDArray[np.floating]:
+    """[count, 2]: random places of a frame, half of them on what moves there: objects are small, and move first."""
+    anywhere = random.random((count, 2)) * size - 0.5
+    moving = pool.points[frame, pool.moving[frame] == 1]
+    if len(moving):
+        anywhere[: count // 2] = random.choice(moving, count // 2)
+    return anywhere
 
 
 def _staying(model: DecoMotion, bent: Sequence[Bent], frame: int, xy: npt.NDArray[np.floating]) -> _Points:
@@ -105,17 +117,17 @@ def _trusted(tracks: TrustedTracks, frame: int) -> _Points:
     return _Points(tracks.xy[:, frame], tracks.xy, confidence, moving)
 
 
-def _covering(model: DecoMotion, bent: Bent, hidden: int, frame: int) -> _Points:
+def _covering(model: DecoMotion, bent: Bent, hidden: int, frame: int, count: int) -> _Points:
     """What hides a point in frame `hidden`: it moves as the other volume does there. Says nothing of other frames."""
-    places = bent.xy[hidden] + offsets_around(COVERING, REACH * model.plane.unit)
+    places = bent.xy[hidden] + offsets_around(count, REACH * model.plane.unit)
     if frame != hidden or model.config.volumes != "fused":
-        nowhere = np.zeros((COVERING, model.num_frames))
-        unknown = np.full(COVERING, UNKNOWN_MOTION)
+        nowhere = np.zeros((count, model.num_frames))
+        unknown = np.full(count, UNKNOWN_MOTION)
         return _Points(places, np.broadcast_to(places[:, None], (*nowhere.shape, 2)), nowhere, unknown)
     seen = see(model, hidden, places, "static" if bent.moving else "dynamic")
     near = np.exp(-0.5 * (np.linalg.norm(places - bent.xy[hidden], axis=-1) / (REACH * model.plane.unit)) ** 2)
-    trust = np.broadcast_to(near[:, None], (COVERING, model.num_frames)).copy()
-    return _Points(places, seen.xy, trust, np.full(COVERING, not bent.moving))
+    trust = np.broadcast_to(near[:, None], (count, model.num_frames)).copy()
+    return _Points(places, seen.xy, trust, np.full(count, not bent.moving))
 
 
 def _cells(xy: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int) -> npt.NDArray[np.int64]:
