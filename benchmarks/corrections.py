@@ -57,7 +57,7 @@ class Truth:
         """[N, T, 2], pixels of the clip."""
         seen = ~np.asarray(video.occluded)
         row, first = np.arange(len(seen)), seen.argmax(axis=1)
-        self.queries: Floats = np.column_stack([first, self.xy[row, first]])
+        self.queries: Floats = np.column_stack([first.astype(np.float64), self.xy[row, first]])
         seen[row, first] = False
         self.later: npt.NDArray[np.bool_] = seen
         """[N, T]: where there is something to compare with."""
@@ -77,7 +77,7 @@ def corrections(truth: Truth, tracks: npt.NDArray[np.int64], frames: list[npt.ND
     """The file that says the truth about `tracks` at their `frames`."""
     lines = [HEADER]
     for track, given in zip(tracks, frames, strict=True):
-        t, x, y = truth.queries[track]
+        t, x, y = truth.queries[int(track)]
         ends = ((frame, *truth.xy[track, frame]) for frame in given)
         lines += [f"{t:.0f},{x:.3f},{y:.3f},{frame},{there_x:.3f},{there_y:.3f}" for frame, there_x, there_y in ends]
     return "\n".join(lines) + "\n"
@@ -98,7 +98,14 @@ def neighbours(model: DecoMotion, queries: Floats) -> tuple[Floats, npt.NDArray[
     return np.array(beside), np.array(rows), np.array(moved)
 
 
-def compared(before: DecoMotion, after: DecoMotion, truth: Truth, others: Truth, tracks: Floats, given: list) -> Record:
+def compared(
+    before: DecoMotion,
+    after: DecoMotion,
+    truth: Truth,
+    others: Truth,
+    tracks: npt.NDArray[np.int64],
+    given: list[npt.NDArray[np.int64]],
+) -> Record:
     """The figures of one fit."""
     told = np.zeros(truth.later.shape, bool)
     for track, frames in zip(tracks, given, strict=True):
@@ -125,9 +132,8 @@ def compared(before: DecoMotion, after: DecoMotion, truth: Truth, others: Truth,
             pairs.setdefault(name, []).append(round(float(figure), 3))
     frames, plane = before.num_frames, before.plane
     random = np.random.default_rng(0)
-    asked = np.column_stack(
-        [random.integers(frames, size=RANDOM), random.random((RANDOM, 2)) * (plane.width - 1, plane.height - 1)]
-    )
+    places = random.random((RANDOM, 2)) * (plane.width - 1, plane.height - 1)
+    asked = np.column_stack([random.integers(frames, size=RANDOM).astype(np.float64), places])
     one, two = follow(before, asked), follow(after, asked)
     moved, seen = np.linalg.norm(one.xy - two.xy, axis=-1), one.occlusion < HIDDEN
     ways = np.concatenate([path[tracks] for path in paths])

@@ -178,7 +178,7 @@ def short(config: Config) -> Config:
     optim = config.optim.model_copy(
         update={"gap": Schedule(value=1, to=1, begin=0, end=1), "warmup": WARM_UP, "decay": "cosine"}
     )
-    loss = {name: value_at(weight, 0) for name, weight in config.loss.items()}
+    loss = {name: value_at(weight, 0.0) for name, weight in config.loss.items()}
     return config.model_copy(update={"optim": optim, "loss": loss})
 
 
@@ -206,7 +206,7 @@ def _apart(model: DecoMotion, points: Sequence[CorrectedPoint]) -> tuple[npt.NDA
     """Pixels [place] from known places to the tracks of their points' first ones; hidden places that are told."""
     apart, hidden = [], 0
     for point in points:
-        found = follow(model, np.column_stack([point.frames, point.xy])[:1])
+        found = follow(model, point.queries[:1])
         apart.append(np.linalg.norm(found.xy[0, point.frames] - point.xy, axis=-1)[1:])
         hidden += int((found.occlusion[0, point.hidden] > HIDDEN).sum())
     return np.concatenate(apart), hidden

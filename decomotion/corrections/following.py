@@ -66,9 +66,12 @@ def see(model: DecoMotion, frame: int, xy: npt.NDArray[np.floating], volume: str
     points = torch.tensor(xy, dtype=torch.float32, device=device)[None]
     rays = model.cast(points, here)
     confidence = rays.static_confidence[0]
-    is_static = static_owns(confidence) if volume is None else torch.full_like(confidence, volume == "static") > 0
-    alone = {None: (rays.fused_static, rays.fused_dynamic)}.get(volume, (rays.alone_static, rays.alone_dynamic))
-    weights = torch.where(is_static[None, :, None], *alone)
+    if volume is None:
+        is_static, weights = static_owns(confidence), (rays.fused_static, rays.fused_dynamic)
+    else:
+        is_static = torch.full_like(confidence, volume == "static", dtype=torch.bool)
+        weights = (rays.alone_static, rays.alone_dynamic)
+    weights = torch.where(is_static[None, :, None], *weights)
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
     local = lift(model.plane.normalise(points), depth[..., None])[..., 0, :]
     u = model.static.to_canonical(local, here.static)

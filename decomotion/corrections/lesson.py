@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +65,7 @@ def lesson_pool(
     hiding = [(each, int(frame)) for each in tracks.bent for frame in each.point.hidden]
     covering = max(COVERING // max(1, len(hiding)), FEWEST)
     count = max(STAYING, len(tracks.xy))
-    columns: dict[str, list[npt.NDArray]] = {
+    columns: dict[str, list[Any]] = {
         name: [] for name in ("points", "targets", "confidence", "rgb", "feature", "moving")
     }
     for frame in range(pool.num_frames):
@@ -82,7 +83,7 @@ def lesson_pool(
         columns["rgb"].append(np.round(bilinear(frames[frame], xy)).astype(np.uint8))
         columns["feature"].append(pool.feature[frame, _cells(xy, prepared.grid, plane.height, plane.width)])
         columns["moving"].append(np.concatenate([kind.moving for kind in kinds]).astype(np.uint8))
-    stacked = {name: np.stack(each) for name, each in columns.items()}
+    stacked: dict[str, Any] = {name: np.stack(each) for name, each in columns.items()}
     targets = PackedPositions(stacked.pop("targets").swapaxes(1, 2), pool.longer_side)
     stacked["confidence"] = stacked["confidence"].swapaxes(1, 2)
     return Pool(**stacked, targets=targets, camera=pool.camera, object=pool.object, longer_side=pool.longer_side)

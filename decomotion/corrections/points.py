@@ -45,6 +45,11 @@ class CorrectedPoint:
         return CorrectedPoint(np.array([place.t for place in known], np.int64), xy, np.array(hidden, np.int64))
 
     @property
+    def queries(self) -> npt.NDArray[np.float64]:
+        """[K, 3], the known places as rows of (t, x, y)."""
+        return np.column_stack([self.frames.astype(np.float64), self.xy])
+
+    @property
     def places(self) -> list[Place]:
         """What `of` makes a point of, in the order of frames."""
         known = [Place(int(t), float(x), float(y)) for t, (x, y) in zip(self.frames, self.xy, strict=True)]

@@ -66,7 +66,7 @@ def trusted_tracks(model: DecoMotion, points: Sequence[CorrectedPoint]) -> Trust
     offsets = offsets_around(max(AROUND // places, FEWEST), REACH * model.plane.unit)
     bent, around = [], []
     for point in points:
-        known = follow(model, np.column_stack([point.frames, point.xy]))
+        known = follow(model, point.queries)
         bent.append(_bent(model, point, known))
         around += [_around(model, bent[-1], known, number, offsets) for number in range(len(point.frames))]
     xy, trust, moving = (np.concatenate(part) for part in zip(*around, strict=True))
@@ -131,13 +131,13 @@ def contradiction(
     target: npt.NDArray[np.integer],
     target_xy: npt.NDArray[np.floating],
     unit: float,
-) -> npt.NDArray[np.float32]:
+) -> npt.NDArray[np.floating]:
     """How far links from `xy` [..., 2] in `frame` [...] to `target_xy` in `target` contradict bent tracks, 0 to 1.
 
     A link does where one of its ends is near a corrected point and the other is not where the point then is, or where
     it follows the point to or from a frame in which that is known to be hidden. `unit` is in pixels of the clip.
     """
-    worst = np.zeros(np.broadcast_shapes(frame.shape, target.shape, xy.shape[:-1], target_xy.shape[:-1]), np.float32)
+    worst = np.zeros(np.broadcast_shapes(frame.shape, target.shape, xy.shape[:-1], target_xy.shape[:-1]))
     for each in bent:
         hidden = np.zeros(len(each.xy), np.bool_)
         hidden[each.point.hidden] = True
