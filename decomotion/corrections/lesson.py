@@ -128,7 +128,7 @@ def _covering(model: DecoMotion, bent: Bent, hidden: int, frame: int, count: int
     seen = see(model, hidden, places, "static" if bent.moving else "dynamic")
     near = np.exp(-0.5 * (np.linalg.norm(places - bent.xy[hidden], axis=-1) / (REACH * model.plane.unit)) ** 2)
     trust = np.broadcast_to(near[:, None], (count, model.num_frames)).copy()
-    return _Points(places, seen.xy, trust, np.full(count, not bent.moving))
+    return _Points(places, seen.xy, trust, np.full(count, int(not bent.moving)))
 
 
 def _cells(xy: npt.NDArray[np.float32], grid: tuple[int, int], height: int, width: int) -> npt.NDArray[np.int64]:

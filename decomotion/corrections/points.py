@@ -55,14 +55,6 @@ class CorrectedPoint:
         known = [Place(int(t), float(x), float(y)) for t, (x, y) in zip(self.frames, self.xy, strict=True)]
         return sorted([*known, *(Place(int(t), math.nan, math.nan) for t in self.hidden)])
 
-    def shares(self, num_frames: int) -> npt.NDArray[np.float64]:
-        """[K, T]: how much each known place has to say of each frame, which adds up to 1.
-
-        Between two of them linear in time; before the first and after the last that one alone.
-        """
-        every = np.arange(num_frames)
-        return np.stack([np.interp(every, self.frames, each) for each in np.eye(len(self.frames))])
-
 
 @dataclass
 class _Found:

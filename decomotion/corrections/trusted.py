@@ -1,15 +1,17 @@
 """Trusted tracks: corrected points bent through all that is known of them, and what is near them.
 
-The model's track of a known place is right there and errs more and more with the time from it. So a corrected point is,
-in each frame, where the model's tracks of its known places before and after have it, each with the share that its
-nearness in time gives it. Points around a known place move along: the model says how they lie about the point, the
-bent track where that is. How much that is trusted falls with the distance from the place.
+The model's track of a known place is right there, and somewhere on the way to the next one it goes wrong, as that
+one's does on the way back: slowly, or where it takes one thing for another. A corrected point goes with the first and
+ends with the second; it changes over where the two are near each other, and with time where they never are. Points
+around a known place move along: the model says how they lie about the point, the bent track where that is. How much
+that is trusted falls with the distance from the place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +26,8 @@ FARTHEST = 2.0
 """Standard deviations that are looked at."""
 AROUND, FEWEST = 512, 5
 """Points around all places, about, and at least so many around each."""
+MEET = 1.0
+"""Distance in units below which tracks are as good as at one place."""
 INFERRED = 0.5
 """Trust in a place of a frame in which none is known."""
 STRAIN = 0.5
@@ -74,20 +78,36 @@ def trusted_tracks(model: DecoMotion, points: Sequence[CorrectedPoint]) -> Trust
 
 
 def _bent(model: DecoMotion, point: CorrectedPoint, known: Followed) -> Bent:
-    shares = point.shares(model.num_frames)
+    shares = blending(point.frames, known.xy / model.plane.unit)
     xy = np.einsum("kt,ktc->tc", shares, known.xy)
     xy[point.frames] = point.xy
     seen = np.einsum("kt,kt->t", shares, known.occlusion) < 0.5
     seen[point.frames] = True
     seen[point.hidden] = False
     looks = [see(model, int(frame), place[None]) for frame, place in zip(point.frames, point.xy, strict=True)]
-    moving = any(look.moving[0] for look in looks)
+    moving = any(bool(look.moving[0]) for look in looks)
     if not moving:
         missed = [
             np.linalg.norm(look.xy[0, point.frames] - point.xy, axis=-1).max() / model.plane.unit for look in looks
         ]
-        moving = model.config.volumes != "static" and max(missed) > NOT_THE_SCENE
+        moving = model.config.volumes != "static" and bool(max(missed) > NOT_THE_SCENE)
     return Bent(point, xy, seen, moving)
+
+
+def blending(frames: npt.NDArray[np.int64], tracks: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """[K, T]: how much of each of the `tracks` [K, T, 2], in units, of places known in `frames` [K] is in each frame.
+
+    It adds up to 1. Before the first known place and after the last that one has it all; between two the second one's
+    share grows from 0 to 1, in each step by as much as the inverse square of the distance between the tracks.
+    """
+    shares = np.zeros(tracks.shape[:2])
+    shares[0, : frames[0]] = shares[-1, frames[-1] :] = 1
+    for one, (begin, end) in enumerate(pairwise(frames)):
+        apart = np.linalg.norm(tracks[one, begin : end + 1] - tracks[one + 1, begin : end + 1], axis=-1)
+        step = 1 / ((apart[1:] + apart[:-1]) / 2 + MEET) ** 2
+        second = np.concatenate([[0], np.cumsum(step)[:-1]]) / step.sum()
+        shares[one, begin:end], shares[one + 1, begin:end] = 1 - second, second
+    return shares
 
 
 def _around(

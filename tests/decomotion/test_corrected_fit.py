@@ -16,7 +16,9 @@ from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
 from decomotion.corrections.fit import short
 from decomotion.corrections.following import Followed, follow
+from decomotion.long_clip import windows_of
 from decomotion.quality import parse
+from decomotion.windows import FILE_NAME
 from interruption import ctrl_c, interruption
 from tiny_fit import AFFINE, HEIGHT, TINY_CPU, WIDTH, sliding_square, texture, write_frames
 
@@ -164,19 +166,24 @@ def test_nothing_is_left_of_a_correction_that_is_stopped(place: Path, tmp_path: 
 
 def test_of_several_windows_those_that_are_told_something_change(tmp_path: Path):
     picture = texture(np.random.default_rng(0), HEIGHT, WIDTH + 20, grain=1.5)
-    clip = Clip("long", np.stack([picture[:, x : x + WIDTH] for x in range(20)]), 24.0)
-    frames = write_frames(clip, tmp_path / "long")
-    window = ["--window", "8", "--steps", "3", "--out", str(tmp_path / "run"), "--device", "cpu"]
+    frames = write_frames(
+        Clip("long", np.stack([picture[:, x : x + WIDTH] for x in range(20)]), 24.0), tmp_path / "long"
+    )
+    clip, run = read_clip(frames), tmp_path / "run"
+    layout = windows_of(clip, 8, [])
     tiny = [part for override in (*TINY_CPU, *AFFINE) for part in ("--set", override)]
-    assert main([str(frames), *window, *tiny]) == 0
-    before = content(tmp_path / "run")
-    windows = [tmp_path / "run" / f"window-{number:03d}" for number in range(3)]
-    begins = [0, 6, 12]
-    assert [len(read_clip(frames)), *(len(list(each.glob("checkpoint.pt"))) for each in windows)] == [20, 1, 1, 1]
-    assert corrected(tmp_path, tmp_path / "new", f"{begins[1] + 3},20,14,2,24,15", steps=2, clip="long") == 0
+    for each in layout.windows:
+        fit = ["--steps", "2", "--out", str(run / each.name), "--device", "cpu", *tiny]
+        assert main([f"{frames}@{each.begin}:{each.end}", *fit]) == 0
+    layout.save(run / FILE_NAME, digest=clip.digest(), options=[])
+    before = content(run)
+    first, second, *_ = layout.windows
+    line = f"{second.end - 2},20,14,{first.begin + 1},24,15"
+    assert corrected(tmp_path, tmp_path / "new", line, steps=2, clip="long") == 0
     after = content(tmp_path / "new")
-    assert content(tmp_path / "run") == before
+    assert content(run) == before
     changed = {name.split("/")[0] for name in before if after.get(name) != before[name]}
-    assert changed == {"window-000", "window-001"}
-    assert (tmp_path / "new" / "windows.json").is_file()
-    assert (tmp_path / "new" / "corrections.csv").is_file()
+    assert changed == {first.name, second.name}
+    assert {"corrections.csv", "windows.json", f"{second.name}/corrections.csv"} <= set(after)
+    longer = [str(frames), "--out", str(tmp_path / "new"), "--resume", "--steps", "9"]
+    assert main(longer) == 2

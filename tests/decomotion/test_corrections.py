@@ -12,7 +12,7 @@ from decomotion.clip import Clip
 from decomotion.corrections.file import HEADER, read_corrections
 from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.corrections.seams import in_windows
-from decomotion.corrections.trusted import Bent, contradiction
+from decomotion.corrections.trusted import Bent, blending, contradiction
 from decomotion.errors import CorrectionError
 from decomotion.windows import Window, Windows
 
@@ -98,9 +98,16 @@ def test_what_is_no_such_file_is_refused(tmp_path: Path):
         read_corrections(tmp_path / "binary.csv", CLIP)
 
 
-def test_known_places_share_frames_by_nearness_in_time():
-    point = CorrectedPoint.of([Place(2, 0, 0), Place(6, 0, 0), Place(7, HIDDEN, HIDDEN)])
-    assert point.shares(FRAMES).tolist() == [[1, 1, 1, 0.75, 0.5, 0.25, 0, 0, 0], [0, 0, 0, 0.25, 0.5, 0.75, 1, 1, 1]]
+def test_a_track_changes_over_with_time_or_where_the_two_meet():
+    frames, still = np.array([2, 6]), np.zeros((FRAMES, 2))
+    first, second = blending(frames, np.stack([still, still + 30]))
+    assert first == pytest.approx([1, 1, 1, 0.75, 0.5, 0.25, 0, 0, 0])
+    assert second == pytest.approx(1 - first)
+    passing = still + np.abs(np.arange(FRAMES) - 4)[:, None] * 40  # at the same place in frame 4
+    first, second = blending(frames, np.stack([still, passing]))
+    assert first[3] > 0.8
+    assert first[5] < 0.2
+    assert first + second == pytest.approx(np.ones(FRAMES))
 
 
 # windows: 0 to 9 and 6 to 17, which share 6 to 9; then a cut at 18
