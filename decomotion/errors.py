@@ -33,6 +33,10 @@ class SupervisionError(InputError):
     """Flow, features or masks given by the user do not fit the clip."""
 
 
+class CorrectionError(InputError):
+    """Corrections cannot be read, are not of the clip, or contradict each other."""
+
+
 class DownloadError(SupervisionError):
     """Weights of a network that supervises cannot be downloaded."""
 

@@ -219,7 +219,7 @@ def _claim(folder: Path, clip: Clip, layout: Windows, options: Sequence[str]) ->
         raise CheckpointError(
             f"{folder} was begun with another {' and '.join(different)}; give those again, --resume, or another --out"
         )
-    for former in (record.CHECKPOINT, record.FILE_NAME, "config.yaml"):
+    for former in (record.CHECKPOINT, record.FILE_NAME, record.CORRECTIONS, "config.yaml"):
         (folder / former).unlink(missing_ok=True)
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)

@@ -40,6 +40,7 @@ GROUND_FLOOR = [
     "decomotion.pseudo_depth",
     "decomotion.quality",
     "decomotion.source",
+    "decomotion.tables",
     "decomotion.times",
     "decomotion.tracker_files",
     "decomotion.units",
