@@ -106,7 +106,7 @@ def command(
     if (finished is None) != (corrections is None):
         raise ConfigError("--run and --corrections go together: the run to correct, and what to correct in it")
     if finished is not None and corrections is not None:
-        if decided := _given(context, MAY_CORRECT_WITH):
+        if decided := given_names(context, MAY_CORRECT_WITH):
             raise ConfigError(f"a correction goes on with the run's own configuration; leave out {', '.join(decided)}")
         _correct(clip, finished, corrections, out, time_budget, steps, device)
         return

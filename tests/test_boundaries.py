@@ -72,6 +72,7 @@ FETCHED = {
 OF_AN_EXTRA = {
     "decomotion.jobs.cluster": "ray",
     "decomo_eval.report.charts": "report",
+    "decomotion.batch.page": "report",
     "decomo_eval.report.published": "report",
     "decomo_eval.report.writer": "report",
     "decomotion.data.flow.raft": "raft",

@@ -94,6 +94,7 @@ def test_annotations_that_do_not_fit_are_named(change: dict[str, Any], words: st
         (gzip.compress(b"[1]"), "must be a list of frames"),
         (gzip.compress(b"[]"), "no frame of the left camera"),
     ],
+    ids=["no gzip", "no json", "deep", "a number", "empty"],  # of the same name on all workers: gzip keeps the time
 )
 def test_damaged_annotations(content: bytes, words: str, tmp_path: Path) -> None:
     (tmp_path / "frame_annotations_test.jgz").write_bytes(content)
