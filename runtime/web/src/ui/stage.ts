@@ -1,6 +1,6 @@
-/** The picture that one points at: click, drag an area, or move a cross with the keys. */
+/** The picture that one points at: click, drag an area or a point, or move a cross with the keys. */
 
-import { type Scene, drawScene, markRadius } from "../draw";
+import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
 
 const DRAG_PIXELS = 6;
@@ -11,6 +11,10 @@ export interface StageEvents {
   onClick(place: Place, t: number, id: number | undefined): void;
   /** The corners of an area of frame t. */
   onArea(polygon: readonly Place[], t: number): void;
+  /** A point is taken hold of. */
+  onHold(id: number): void;
+  /** It belongs to `place` in frame t. */
+  onCorrect(id: number, place: Place, t: number): void;
 }
 
 export class Stage {
@@ -23,6 +27,8 @@ export class Stage {
   private seen: Scene | undefined;
   private cross: Place | undefined;
   private corner: Place | undefined;
+  /** The point that is dragged, or that the cross moves. */
+  private held: number | undefined;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -68,8 +74,13 @@ export class Stage {
     if (context === null || this.scene === undefined) return;
     drawScene(context, this.scene);
     const outline = this.corner && this.cross ? box(this.corner, this.cross) : this.outline();
+    const target = this.held === undefined ? undefined : (this.cross ?? (this.isDrag() ? this.path.at(-1) : undefined));
     if (outline.length > 1) this.stroke(context, outline.map((place) => this.onCanvas(place)));
     if (this.cross) this.drawCross(context, this.onCanvas(this.cross));
+    if (target) {
+      const { x, y } = this.onCanvas(target);
+      drawDiamond(context, x, y, 2.1 * markRadius(Math.max(this.canvas.width, this.canvas.height)));
+    }
   }
 
   private stroke(context: CanvasRenderingContext2D, places: readonly Place[]): void {
@@ -103,7 +114,7 @@ export class Stage {
 
   private outline(): Place[] {
     const [first, last] = [this.path[0], this.path.at(-1)];
-    if (first === undefined || last === undefined || !this.isDrag()) return [];
+    if (first === undefined || last === undefined || this.held !== undefined || !this.isDrag()) return [];
     return this.shape === "box" ? box(first, last) : this.path;
   }
 
@@ -131,6 +142,7 @@ export class Stage {
     this.path = [this.place(event)];
     this.seen = this.scene;
     this.showCross(false);
+    this.hold(event.shiftKey || this.seen === undefined ? undefined : this.pointAt(this.place(event), this.seen));
   }
 
   private onMove(event: PointerEvent): void {
@@ -140,16 +152,23 @@ export class Stage {
   }
 
   private onUp(event: PointerEvent): void {
-    const [first, area, seen] = [this.path[0], this.outline(), this.seen];
+    const [first, last, area, seen, held] = [this.path[0], this.place(event), this.outline(), this.seen, this.held];
+    const moved = this.isDrag();
     this.abandon();
     if (first === undefined || seen === undefined) return;
-    if (area.length > 0) this.events.onArea(area, seen.frame);
-    else this.events.onClick(first, seen.frame, event.shiftKey ? undefined : this.pointAt(first, seen));
+    if (held !== undefined && moved) this.events.onCorrect(held, last, seen.frame);
+    else if (area.length > 0) this.events.onArea(area, seen.frame);
+    else this.events.onClick(first, seen.frame, held);
+  }
+
+  private hold(id: number | undefined): void {
+    this.held = id;
+    if (id !== undefined) this.events.onHold(id);
   }
 
   private abandon(): void {
     this.path = [];
-    this.corner = undefined;
+    this.corner = this.held = undefined;
     this.draw();
   }
 
@@ -169,8 +188,17 @@ export class Stage {
   private showCross(shown: boolean): void {
     const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
     this.cross = shown ? (this.cross ?? centre) : undefined;
-    if (!shown) this.corner = undefined;
+    if (!shown) this.corner = this.held = undefined;
     this.draw();
+  }
+
+  /** Takes hold of the selected point: the cross goes there. */
+  private holdSelected({ points, selected, frame }: Scene): void {
+    const point = points.find(({ id }) => id === selected);
+    if (point === undefined) return;
+    this.cross = roundPlace(clampPlace({ x: point.track.xy[2 * frame] ?? 0, y: point.track.xy[2 * frame + 1] ?? 0 }, this.image));
+    this.corner = undefined;
+    this.hold(point.id);
   }
 
   private onKey(event: KeyboardEvent): void {
@@ -188,13 +216,16 @@ export class Stage {
     if (move !== undefined) {
       this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image, 0);
     } else if (event.key === "Enter") {
-      if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
+      if (this.held !== undefined) this.events.onCorrect(this.held, this.cross, this.scene.frame);
+      else if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
       else this.events.onClick(this.cross, this.scene.frame, undefined);
-      this.corner = undefined;
+      this.corner = this.held = undefined;
     } else if (event.key === "b" || event.key === "B") {
-      this.corner = this.cross;
+      [this.corner, this.held] = [this.cross, undefined];
+    } else if (event.key === "m" || event.key === "M") {
+      this.holdSelected(this.scene);
     } else if (event.key === "Escape") {
-      this.corner = undefined;
+      this.corner = this.held = undefined;
     } else {
       return;
     }
