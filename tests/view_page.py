@@ -63,6 +63,7 @@ class ViewPage:
         expect(self.rows).to_have_count(count + 1)
 
     def drag(self, *places: tuple[float, float]) -> None:
+        self.stage.scroll_into_view_if_needed()
         box = self.stage.bounding_box()
         assert box is not None
         corners = [self.on_stage(*place) for place in places]
