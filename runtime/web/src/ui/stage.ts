@@ -188,7 +188,8 @@ export class Stage {
   private showCross(shown: boolean): void {
     const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
     this.cross = shown ? (this.cross ?? centre) : undefined;
-    if (!shown) this.corner = this.held = undefined;
+    if (!shown) this.corner = undefined;
+    if (!shown && this.path.length === 0) this.held = undefined; // a drag goes on: its first press moves the focus here
     this.draw();
   }
 
