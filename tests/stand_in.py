@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -71,7 +72,10 @@ def train(control: Path, clip: Path, run: Path, corrections: Path, time_budget: 
 @click.option("--run", type=click.Path(path_type=Path, exists=True), required=True)
 @click.pass_obj
 def export(control: Path, model: Path, run: Path) -> None:
-    """The tiny model of `control/model.json`, with the velocity of the run."""
+    """The tiny model of `control/model.json`, with the velocity of the run; of a folder, a copy of `control/models`."""
+    if not model.suffix:
+        shutil.copytree(control / "models", model)
+        return
     from tiny_model import write_tiny_model
 
     x, y = json.loads((run / "checkpoint.pt").read_text())["velocity"]

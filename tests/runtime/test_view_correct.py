@@ -72,6 +72,7 @@ def corrections(view: ViewPage, folder: Path) -> list[list[float | None]]:
 
 
 def test_a_dragged_point_bends_its_track(view: ViewPage, tmp_path: Path):
+    expect(view.page.locator("#refit")).to_be_hidden()  # without --run
     view.seek(1)
     view.click(12, 20)
     view.click(40, 8)
@@ -353,7 +354,10 @@ def test_without_the_server_the_page_goes_on(refitted: ViewPage, tmp_path: Path)
     refitted.seek(3)
     refitted.move(answer(40, 8, 3), (10, 10), row=1)
     assert len(corrections(refitted, tmp_path)) == 2
-    refitted.complaints.clear()  # of the browser, that nobody answers
+    page.context.set_offline(False)
+    expect(page.locator("#refit-begin")).to_be_enabled()
+    expect(page.locator("#refit-said")).to_be_empty()
+    refitted.complaints.clear()  # of the browser, that nobody answered
 
 
 def test_another_model_is_not_refitted(refitted: ViewPage, bench: Bench, tmp_path: Path):

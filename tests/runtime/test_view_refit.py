@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -22,6 +23,7 @@ from decomo_runtime.view.refit_requests import MOST_BYTES, TOKEN_HEADER
 from decomo_runtime.view.server import HOST, make_server
 from decomo_runtime.view.site import write_site
 from decomotion.clip import read_clip
+from decomotion.windows import FILE_NAME, Windows, split
 from refitting import Bench, lives, wait_until
 from tiny_model import write_tiny_model
 
@@ -95,6 +97,27 @@ def test_what_is_taken_is_the_next_beginning_and_what_is_rejected_is_not(bench: 
     assert refits.state.file == str(bench.model.with_name(models[1]))
     assert json.loads((site / "site.json").read_text())["model"] == "refit-3.onnx"
     assert json.loads((site / "site.json").read_text())["clip"] is not None
+
+
+def test_of_a_long_clip_the_model_is_a_folder(bench: Bench, tmp_path: Path):
+    models = bench.control / "models"
+    layout = Windows("walk", 30, 40, 48, 12.5, split(30, [], 14))
+    for window in layout.windows:
+        write_tiny_model(models / f"{window.name}.onnx", num_frames=len(window), height=40, width=48)
+    layout.save(models / FILE_NAME)
+    bench.model = shutil.copytree(models, tmp_path / "models" / "walk.v2")
+    site = tmp_path / "site"
+    site.mkdir()
+    write_site(site, bench.model, None, refit=True)
+    refits = bench.refits(site)
+    bench.let_go()
+    refits.begin(CORRECTIONS)
+    assert ended(refits) == "finished"
+    assert refits.state.model == f"refit-1/{FILE_NAME}"
+    refits.take(1)
+    assert refits.state.file == str(tmp_path / "models" / "slide-corrected")
+    assert Tracker(tmp_path / "models" / "slide-corrected").facts.num_frames == 30
+    assert json.loads((site / "site.json").read_text())["model"] == refits.state.model
 
 
 def test_a_cancelled_refit_ends_all_its_processes_and_leaves_nothing(bench: Bench, refits: Refits):
