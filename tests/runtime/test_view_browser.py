@@ -86,10 +86,10 @@ def test_click_is_of_the_frame_that_was_shown_at_its_begin(view: ViewPage, tmp_p
     mouse, box = view.page.mouse, view.stage.bounding_box()
     assert box is not None
     view.seek(1)
-    for corner in ((20, 21), (40, 35)):
-        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(20, 21), strict=True)))
+    for begin, end in (((20, 21), (20, 21)), ((8, 9), (40, 35))):
+        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*begin), strict=True)))
         mouse.down()
-        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*corner), strict=True)))
+        mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*end), strict=True)))
         view.page.keyboard.press(".")
         mouse.up()
         view.expect_frame(2)
@@ -224,7 +224,7 @@ def test_csv_feeds_decomo_track(view: ViewPage, model: Path, tmp_path: Path):
     np.testing.assert_allclose(of_page, of_command, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["points.csv", "points.json", "tracks.npz"])
+@pytest.mark.parametrize("kind", ["points.csv", "project.json", "tracks.npz"])
 def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path):
     view.click(12.25, 7)
     view.seek(3)
@@ -245,7 +245,7 @@ def test_json_is_that_of_decomo_convert(view: ViewPage, tmp_path: Path):
     view.seek(3)
     view.click(33, 28.5)
     before = view.tracks(tmp_path)
-    saved = view.save("points.json", tmp_path)
+    saved = view.save("project.json", tmp_path)
     np.testing.assert_allclose(Tracks.load(saved).xy, before.xy, atol=5.1e-5)  # four decimals
     np.testing.assert_array_equal(Tracks.load(saved).occluded, before.occluded)
     again = tmp_path / "again.json"

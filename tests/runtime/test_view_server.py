@@ -96,7 +96,7 @@ def test_answers_to_its_own_address_only(port: int):
 def test_a_browser_leaves_port_80_out(port: int, bare: bool):
     handler = Handler.__new__(Handler)
     handler.connection = Mock(getsockname=lambda: (HOST, port))
-    names = handler._own_names()
+    names = handler.own_names()
     assert f"localhost:{port}" in names
     assert ({HOST, "localhost"} <= names) == bare
 

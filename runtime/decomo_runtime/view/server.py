@@ -1,4 +1,4 @@
-"""Serves one folder to the browsers of this machine, and nothing else of its disk."""
+"""Serves one folder to the browsers of this machine, and nothing else of its disk; and refits, where it is told to."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from decomo_runtime.errors import ViewError
+from decomo_runtime.view.refit import Refits
+from decomo_runtime.view.refit_requests import REFIT, answer
 
 HOST = "127.0.0.1"
 HTTP_PORT = 80
@@ -56,9 +58,27 @@ class Handler(SimpleHTTPRequestHandler):
     }
     server_version, sys_version = "decomo-view", ""
 
+    def __init__(self, *args: Any, refits: Refits | None = None, **options: Any) -> None:
+        self.refits = refits
+        super().__init__(*args, **options)  # answers
+
+    def do_GET(self) -> None:
+        """A file, or how a refit is."""
+        if self.refits is not None and self.path == REFIT:
+            answer(self, self.refits, self.own_names())
+        else:
+            super().do_GET()
+
+    def do_POST(self) -> None:
+        """Begins, ends or decides on a refit."""
+        if self.refits is not None and (self.path == REFIT or self.path.startswith(f"{REFIT}/")):
+            answer(self, self.refits, self.own_names())
+        else:
+            self.send_error(HTTPStatus.NOT_IMPLEMENTED, f"Unsupported method ({self.command!r})")
+
     def send_head(self) -> Any:
         """The file asked for, opened, once it is sure that it may be read."""
-        if self.headers.get("Host", "") not in self._own_names():  # a page elsewhere whose name points to this machine
+        if self.headers.get("Host", "") not in self.own_names():  # a page elsewhere whose name points to this machine
             self.send_error(HTTPStatus.FORBIDDEN, "This server answers to its own address only")
             return None
         if not self._may_be_read():
@@ -83,7 +103,8 @@ class Handler(SimpleHTTPRequestHandler):
             return False
         return path == root or (path.is_relative_to(root) and path.is_file())
 
-    def _own_names(self) -> set[str]:
+    def own_names(self) -> set[str]:
+        """What browsers ask for when they mean this server: hosts with the port."""
         names, port = {HOST, "localhost"}, self.connection.getsockname()[1]
         return {f"{name}:{port}" for name in names} | (names if port == HTTP_PORT else set())
 
@@ -97,10 +118,13 @@ class Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-def make_server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
-    """A server of `folder` on 127.0.0.1, port 0 meaning any that is free; `ViewError` where `port` is taken."""
+def make_server(folder: Path, port: int = 0, refits: Refits | None = None) -> ThreadingHTTPServer:
+    """A server of `folder` on 127.0.0.1, port 0 meaning any that is free; `ViewError` where `port` is taken.
+
+    With `refits` it also runs them for whoever knows their token.
+    """
     try:
-        return Server((HOST, port), partial(Handler, directory=str(folder)))
+        return Server((HOST, port), partial(Handler, directory=str(folder), refits=refits))
     except OSError as error:
         if error.errno not in (errno.EADDRINUSE, errno.EACCES):
             raise

@@ -11,7 +11,7 @@ from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.overlay import check_clip
 from decomo_runtime.tracker import Tracker
 from decomotion.clip import Clip, read_clip
-from decomotion.files import naming, new_folder
+from decomotion.files import naming, new_folder, replacing
 from decomotion.images import jpeg
 from decomotion.outputs import check_new_folder
 from decomotion.windows import FILE_NAME, Windows
@@ -20,8 +20,8 @@ PAGE = Path(__file__).parent / "page"
 MODEL_NAME, MODEL_FOLDER = "model.onnx", "model"
 """Of the copy of the model."""
 SITE_NAME = "site.json"
-"""What the page reads first: `{"model": path, "clip": {"name", "frames": [path, ...]} or null}`; of a model folder, the
-path is that of its `windows.json`."""
+"""What the page reads first: `{"model": path, "clip": {"name", "frames": [path, ...]} or null, "refit": whether the
+server refits}`; of a model folder, the path is that of its `windows.json`."""
 _JPEG_QUALITY = 92
 
 
@@ -39,10 +39,10 @@ def read_inputs(model: Path, clip_path: Path | None) -> tuple[ModelFacts, Clip |
     return facts, clip
 
 
-def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
+def write_site(folder: Path, model: Path, clip: Clip | None, refit: bool = False) -> None:
     """Fills `folder`, which must exist and be empty, with the page, `model` (a file or a folder) and `clip`'s frames.
 
-    Raises `OSError`, naming `folder`, where the disk is full.
+    `refit` says that the server refits the model. Raises `OSError`, naming `folder`, where the disk is full.
     """
     with naming(folder):
         for part in PAGE.rglob("*"):
@@ -51,8 +51,20 @@ def write_site(folder: Path, model: Path, clip: Clip | None) -> None:
                 shutil.copyfile(part, folder / part.relative_to(PAGE))
         name = _copy_windows(model, folder) if model.is_dir() else _copy(model, folder / MODEL_NAME)
         frames = [] if clip is None else _write_frames(folder / "clip", clip)
-        site = {"model": name, "clip": None if clip is None else {"name": clip.name, "frames": frames}}
+        site = {"model": name, "clip": None if clip is None else {"name": clip.name, "frames": frames}, "refit": refit}
         (folder / SITE_NAME).write_text(json.dumps(site) + "\n", encoding="utf-8")
+
+
+def model_path(model: Path) -> Path:
+    """What the page opens of a model, which is a file or a folder."""
+    return model / FILE_NAME if model.is_dir() else model
+
+
+def point_to(folder: Path, model: str) -> None:
+    """The page of a served `folder` opens another model from now on: one in it, `model` as in `site.json`."""
+    site = json.loads((folder / SITE_NAME).read_text(encoding="utf-8"))
+    with replacing(folder / SITE_NAME) as file:
+        file.write_text(json.dumps(site | {"model": model}) + "\n", encoding="utf-8")
 
 
 def export_site(folder: Path, model: Path, clip: Clip | None) -> None:

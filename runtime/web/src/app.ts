@@ -1,13 +1,15 @@
 /** The page: one model, its clip, the points and what is shown of them. */
 
 import { Clip, type ClipRecord } from "./clip";
+import { type Draft, Document, type Point, changed, corrected, withoutPoint } from "./document";
 import type { Scene } from "./draw";
-import { type Place, gridCells, gridInside } from "./geometry";
+import { type Place, clampPlace, gridCells, gridInside, roundPlace } from "./geometry";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
 import { type Files, Model } from "./model/client";
 import { InputError } from "./model/facts";
 import type { Tracked } from "./model/protocol";
-import { type Draft, type Point, PointList, splitTracks } from "./points";
+import { Answers, type Followed, splitTracks } from "./tracks";
+import { CorrectionRows } from "./ui/corrections";
 import { PointRows } from "./ui/list";
 import { Player } from "./ui/player";
 import type { View } from "./ui/view";
@@ -17,8 +19,21 @@ const MOST_POINTS_AT_ONCE = 400;
 const MOST_CELLS = 100 * MOST_POINTS_AT_ONCE;
 const DEFAULT_TRAIL = 12;
 
+/** What is shown while a refitted model waits for a verdict. */
+export const SIDES = ["old", "both", "new"] as const;
+export type Side = (typeof SIDES)[number];
+
+/** A refitted model beside the one that is open. */
+interface Candidate {
+  readonly path: string;
+  readonly model: Model;
+  readonly answers: Answers;
+}
+
 export class App {
-  readonly points = new PointList(() => this.onPoints());
+  readonly document = new Document(() => this.onDocument());
+  /** The points of the document, with the tracks that the open model gives them. */
+  followed: readonly Followed[] = [];
   readonly player: Player;
   selected: number | undefined;
   layer: Layer = "fused";
@@ -27,8 +42,17 @@ export class App {
   trail = DEFAULT_TRAIL;
   model: Model | undefined;
   clip: Clip | undefined;
+  candidate: Candidate | undefined;
+  side: Side = "both";
+  /** Hears when the document, or a model's answers, have changed. */
+  onContent: () => void = () => {};
+  private answers = new Answers();
+  /** Where the open model is from. */
+  files: Files | undefined;
+  private path = "";
   private renderer: LayerRenderer | undefined;
   private readonly rows: PointRows;
+  private readonly correctionRows: CorrectionRows;
   private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
@@ -40,10 +64,9 @@ export class App {
       () => this.show(),
       (frame) => this.isReady(frame),
     );
-    this.rows = new PointRows(view.list, this.points, {
-      onSelect: (id) => this.select(id),
-      onSeek: (frame) => this.player.seek(frame),
-    });
+    const events = { onSelect: (id: number) => this.select(id), onSeek: (frame: number) => this.player.seek(frame) };
+    this.rows = new PointRows(view.list, this.document, events);
+    this.correctionRows = new CorrectionRows(view.corrections, this.document, events);
   }
 
   /**
@@ -59,16 +82,10 @@ export class App {
         model.close();
         return;
       }
-      this.model?.close();
-      this.renderer?.close();
-      this.model = model;
-      this.renderer = new LayerRenderer(
-        model.facts,
-        (queries) => model.render(queries),
-        (frame) => this.onPicture(frame),
-        (error) => this.view.alert(error),
-      );
-      this.points.reset();
+      this.dropCandidate();
+      this.files = files;
+      this.use(model, path, new Answers());
+      this.document.reset();
       this.selected = undefined;
       this.player.load(model.facts.numFrames, model.facts.fps);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
@@ -76,13 +93,77 @@ export class App {
       this.keepClip();
       this.layer = this.clip ? "clip" : "fused";
       this.view.opened(model, this.clip !== undefined);
-      void model.tryWebgpu().then(() => {
-        if (model === this.model) this.view.facts(model, this.clip !== undefined);
-      });
     } finally {
       if (turn === this.opening) this.view.loading(undefined);
     }
     this.show();
+  }
+
+  /** Opens a refitted model of the same clip beside the one that is open, and asks it for all points. */
+  async openCandidate(path: string, files: Files): Promise<void> {
+    if (path === this.path || path === this.candidate?.path) return;
+    const [model, beside] = [await Model.open(path, files), this.model];
+    if (beside === undefined || !sameClip(model, beside)) {
+      model.close();
+      throw new InputError(`${path} is not a model of the clip that is open; start 'decomo-view' again.`);
+    }
+    this.dropCandidate();
+    this.candidate = { path, model, answers: new Answers() };
+    this.onDocument();
+    await this.completeCandidate();
+  }
+
+  /** Goes on with the refitted model in place of the old one; the document stays. */
+  async takeCandidate(): Promise<void> {
+    await this.completeCandidate();
+    const candidate = this.candidate;
+    if (candidate === undefined) return;
+    this.candidate = undefined;
+    this.use(candidate.model, candidate.path, candidate.answers);
+    this.view.facts(candidate.model, this.clip !== undefined);
+    this.onDocument();
+  }
+
+  dropCandidate(): void {
+    this.candidate?.model.close();
+    this.candidate = undefined;
+    this.onDocument();
+  }
+
+  showSide(side: Side): void {
+    this.side = side;
+    this.show();
+  }
+
+  /** The points of the document with the tracks that the refitted model gives them. */
+  refollowed(): readonly Followed[] {
+    return this.candidate?.answers.follow(this.document.content) ?? [];
+  }
+
+  private use(model: Model, path: string, answers: Answers): void {
+    this.model?.close();
+    this.renderer?.close();
+    Object.assign(this, { model, path, answers });
+    this.renderer = new LayerRenderer(
+      model.facts,
+      (queries) => model.render(queries),
+      (frame) => this.onPicture(frame),
+      (error) => this.view.alert(error),
+    );
+    void model.tryWebgpu().then(() => {
+      if (model === this.model) this.view.facts(model, this.clip !== undefined);
+    });
+  }
+
+  /** Asks the refitted model for what it has not answered yet, of points that undo and redo can bring too. */
+  private async completeCandidate(): Promise<void> {
+    const { candidate } = this;
+    if (candidate === undefined) return;
+    const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
+    if (missing.length === 0) return;
+    const { tracks, occlusion } = await candidate.model.track(queriesOf(missing));
+    candidate.answers.set(missing, this.cut(candidate.model, tracks, occlusion));
+    this.onDocument();
   }
 
   /** Shows the clip that `site.json` beside the page names. */
@@ -109,31 +190,33 @@ export class App {
     if (model === undefined || drafts.length === 0) return;
     const { numFrames, occlusionThreshold } = model.facts;
     const start = performance.now();
-    const queries = Float32Array.from(drafts.flatMap(({ t, x, y }) => [t, x, y]));
     const what = drafts.length === 1 ? "the point" : `${drafts.length} points`;
     const onProgress = (share: number): void => {
       if (share < 1 && model === this.model) this.view.status(`Following ${what} … ${Math.round(100 * share)} %`);
     };
+    let begun = false;
     let added: readonly Point[] = [];
     const onPart = ({ tracks, occlusion }: Tracked): void => {
       if (model !== this.model) return;
-      const parts = splitTracks(tracks, occlusion, numFrames, occlusionThreshold);
-      if (added.length > 0) return this.points.retrack(added, parts);
+      this.answers.set(drafts, this.cut(model, tracks, occlusion));
+      if (begun) return this.onDocument();
+      begun = true;
       this.unfinished++;
-      added = this.points.add(drafts, parts);
-      this.select(added[0]?.id);
+      added = this.document.add(drafts);
+      this.select(added[0]?.id ?? this.selected);
     };
     let answer: Tracked;
     try {
-      answer = await model.track(queries, onProgress, onPart);
+      answer = await model.track(queriesOf(drafts), onProgress, onPart);
     } catch (error) {
       if (model !== this.model) return;
-      this.points.forget(added);
+      this.document.forget(added);
       throw error;
     } finally {
-      if (added.length > 0) this.unfinished--;
-      this.onPoints();
+      if (begun) this.unfinished--;
+      this.onDocument();
     }
+    await this.completeCandidate();
     const [first] = added;
     if (first === undefined || model !== this.model) return;
     const milliseconds = performance.now() - start;
@@ -163,14 +246,47 @@ export class App {
     await this.addPoints(places.map((place) => ({ t, ...place })));
   }
 
+  /** Says that a point is at `place` in frame t; in the frame in which it was placed, it is placed there instead. */
+  async correct(id: number, place: Place, t: number): Promise<void> {
+    const point = this.pointOf(id);
+    if (point === undefined) return;
+    this.select(id);
+    if (t === point.t) return this.move(point, place);
+    this.document.change((content) => corrected(content, { point: id, t, place }));
+  }
+
+  /** A point is taken hold of: the picture stands still. */
+  hold(id: number): void {
+    this.player.step(0);
+    this.select(id);
+  }
+
+  /** Says that the selected point is hidden in the frame shown, or in sight where it is shown. */
+  mark(hidden: boolean): void {
+    const { frame } = this.player;
+    const point = this.followed.find(({ id }) => id === this.selected);
+    if (point === undefined || this.model === undefined) return;
+    if (point.t === frame) throw new InputError(`${point.name} was placed in frame ${frame}: it is in sight there. Mark it in another frame.`);
+    const { xy } = point.track;
+    const shown = roundPlace(clampPlace({ x: xy[2 * frame] ?? 0, y: xy[2 * frame + 1] ?? 0 }, this.model.facts));
+    this.document.change((content) => corrected(content, { point: point.id, t: frame, place: hidden ? null : shown }));
+  }
+
+  /** Marks the selected point as what it is not shown as. */
+  markOther(): void {
+    const point = this.followed.find(({ id }) => id === this.selected);
+    if (point !== undefined) this.mark(point.track.occluded[this.player.frame] !== true);
+  }
+
   select(id: number | undefined): void {
     this.selected = id;
-    this.onPoints();
+    this.onDocument();
     if (id !== undefined) this.rows.reveal(id);
   }
 
   removeSelected(): void {
-    if (this.selected !== undefined) this.points.remove(this.selected);
+    const id = this.selected;
+    if (id !== undefined) this.document.change((content) => withoutPoint(content, id));
   }
 
   /** Draws what is to be seen, at the next chance that the browser gives. */
@@ -236,7 +352,7 @@ export class App {
       left: picture(this.layer),
       right: this.split && picture(this.split),
       split: this.splitAt,
-      points: this.points.all,
+      ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
     };
@@ -266,10 +382,48 @@ export class App {
     if (frame === this.player.frame) this.show();
   }
 
-  private onPoints(): void {
-    if (!this.points.all.some(({ id }) => id === this.selected)) this.selected = this.points.all.at(-1)?.id;
-    this.rows.update(this.selected);
-    this.view.points(this.points, this.unfinished > 0);
+  /** While a refitted model waits: what the models answer, the track that is compared with as a ghost. */
+  private pointsShown(): Pick<Scene, "points" | "ghosts"> {
+    if (this.candidate === undefined) return { points: this.followed, ghosts: [] };
+    const plain = (all: readonly Followed[]): readonly Followed[] => all.map((each) => ({ ...each, track: each.answer }));
+    if (this.side === "old") return { points: plain(this.followed), ghosts: [] };
+    return { points: plain(this.refollowed()), ghosts: this.side === "both" ? plain(this.followed) : [] };
+  }
+
+  private pointOf(id: number): Point | undefined {
+    return this.document.points.find((point) => point.id === id);
+  }
+
+  /** Places a point elsewhere in its own frame, and follows it from there. */
+  private async move({ id, t }: Point, place: Place): Promise<void> {
+    const model = this.model;
+    if (model === undefined) return;
+    const query = { t, ...place };
+    if (this.answers.get(query) === undefined) {
+      const { tracks, occlusion } = await model.track(queriesOf([query]));
+      if (model !== this.model) return;
+      this.answers.set([query], this.cut(model, tracks, occlusion));
+    }
+    this.document.change((content) => changed(content, id, place));
+    await this.completeCandidate();
+  }
+
+  private cut({ facts }: Model, tracks: Float32Array, occlusion: Float32Array): ReturnType<typeof splitTracks> {
+    return splitTracks(tracks, occlusion, facts.numFrames, facts.occlusionThreshold);
+  }
+
+  private onDocument(): void {
+    if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
+    this.followed = this.answers.follow(this.document.content);
+    this.rows.update(this.followed, this.selected);
+    this.correctionRows.update();
+    this.view.content(this, this.unfinished > 0);
+    this.onContent();
     this.show();
   }
 }
+
+const queriesOf = (queries: readonly Draft[]): Float32Array => Float32Array.from(queries.flatMap(({ t, x, y }) => [t, x, y]));
+
+const sameClip = ({ facts: a }: Model, { facts: b }: Model): boolean =>
+  a.numFrames === b.numFrames && a.width === b.width && a.height === b.height;

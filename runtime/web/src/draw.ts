@@ -1,7 +1,7 @@
 /** Draws one frame: the picture, or two side by side, and the points on it. The page and the saved video share this. */
 
 import type { Place, Size } from "./geometry";
-import type { Point } from "./points";
+import { type Followed, type Track, isBent } from "./tracks";
 
 export interface Scene {
   readonly image: Size;
@@ -11,7 +11,9 @@ export interface Scene {
   readonly right?: CanvasImageSource | undefined;
   /** Where the split is, as a fraction of the width. */
   readonly split: number;
-  readonly points: readonly Point[];
+  readonly points: readonly Followed[];
+  /** Tracks to compare with, drawn thin and below. */
+  readonly ghosts: readonly Followed[];
   readonly selected: number | undefined;
   /** Frames of the past that a trail shows. */
   readonly trail: number;
@@ -36,7 +38,9 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
   if (scene.left) drawPicture(context, scene.left);
   if (scene.right) drawRight(context, scene.right, scene.split);
   const radius = markRadius(Math.max(width, height));
+  for (const ghost of scene.ghosts) drawGhost(context, ghost, scene, on, radius);
   for (const point of scene.points) drawTrail(context, point, scene, on, radius);
+  for (const point of scene.points) drawGiven(context, point, scene, on, radius);
   for (const hidden of [true, false]) {
     for (const point of scene.points) {
       if (point.track.occluded[scene.frame] === hidden) drawMark(context, point, scene, on, radius);
@@ -85,26 +89,74 @@ function drawRight(context: Context, picture: CanvasImageSource, split: number):
 
 type ToCanvas = (x: number, y: number) => Place;
 
-/** A line through the last frames, fading into the past, faint where the point is hidden. */
-function drawTrail(context: Context, { track, colour }: Point, scene: Scene, on: ToCanvas, radius: number): void {
+/** A line through the last frames, fading into the past, faint where the point is hidden, dashed where it is bent. */
+function drawTrail(context: Context, point: Followed, scene: Scene, on: ToCanvas, radius: number): void {
+  const { track, colour } = point;
   context.strokeStyle = colour;
   context.lineWidth = Math.max(1.5, 0.5 * radius);
   context.lineCap = "round";
   const first = Math.max(0, scene.frame - scene.trail);
+  let travelled = 0;
   for (let frame = first; frame < scene.frame; frame++) {
     const hidden = track.occluded[frame] === true || track.occluded[frame + 1] === true;
     context.globalAlpha = (1 - (scene.frame - 1 - frame) / Math.max(1, scene.trail)) * (hidden ? HIDDEN_INK : 0.9);
-    const [a, b] = [placeOf(track.xy, frame, on), placeOf(track.xy, frame + 1, on)];
-    context.beginPath();
-    context.moveTo(a.x, a.y);
-    context.lineTo(b.x, b.y);
-    context.stroke();
+    const bent = isBent(point, frame) || isBent(point, frame + 1);
+    context.setLineDash(bent ? [1.2 * radius, 1.2 * radius] : []);
+    context.lineCap = bent ? "butt" : "round";
+    context.lineDashOffset = travelled; // dashes run on from step to step
+    travelled += strokeStep(context, track, frame, on);
   }
+  context.setLineDash([]);
   context.globalAlpha = 1;
 }
 
+/** Strokes the way to the next frame, and returns how long it is. */
+function strokeStep(context: Context, { xy }: Track, frame: number, on: ToCanvas): number {
+  const [a, b] = [placeOf(xy, frame, on), placeOf(xy, frame + 1, on)];
+  context.beginPath();
+  context.moveTo(a.x, a.y);
+  context.lineTo(b.x, b.y);
+  context.stroke();
+  const length = Math.hypot(b.x - a.x, b.y - a.y);
+  return Number.isFinite(length) ? length : 0; // of frames that are not answered yet
+}
+
+/** A thin white line and a small white ring. */
+function drawGhost(context: Context, { track }: Followed, scene: Scene, on: ToCanvas, radius: number): void {
+  const { x, y } = placeOf(track.xy, scene.frame, on);
+  for (const [ink, width] of [["#000", 0.35], ["#fff", 0.2]] as const) {
+    context.strokeStyle = ink;
+    context.lineWidth = Math.max(1, width * radius);
+    for (let frame = Math.max(0, scene.frame - scene.trail); frame < scene.frame; frame++) strokeStep(context, track, frame, on);
+    context.beginPath();
+    context.arc(x, y, 0.8 * radius, 0, TAU);
+    context.stroke();
+  }
+}
+
+/** Diamonds where the user has placed the point in the frames of the trail: white, the one of this frame larger. */
+function drawGiven(context: Context, { given }: Followed, scene: Scene, on: ToCanvas, radius: number): void {
+  for (const { t, place } of given) {
+    if (place === null || t > scene.frame || t < scene.frame - scene.trail) continue;
+    const { x, y } = on(place.x, place.y);
+    drawDiamond(context, x, y, t === scene.frame ? 2.1 * radius : 0.9 * radius);
+  }
+}
+
+/** The outline of a diamond, seen on any ground. */
+export function drawDiamond(context: Context, x: number, y: number, size: number): void {
+  const path = new Path2D();
+  for (const [across, down] of [[0, -size], [size, 0], [0, size], [-size, 0]] as const) path.lineTo(x + across, y + down);
+  path.closePath();
+  for (const [ink, width] of [["#000", 4], ["#fff", 2]] as const) {
+    context.strokeStyle = ink;
+    context.lineWidth = width;
+    context.stroke(path);
+  }
+}
+
 /** A disc where the point is in sight, a ring where it is hidden. */
-function drawMark(context: Context, { id, track, colour }: Point, scene: Scene, on: ToCanvas, radius: number): void {
+function drawMark(context: Context, { id, track, colour }: Followed, scene: Scene, on: ToCanvas, radius: number): void {
   const { x, y } = placeOf(track.xy, scene.frame, on);
   const hidden = track.occluded[scene.frame] === true;
   const circle = (size: number): void => {

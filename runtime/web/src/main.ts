@@ -3,9 +3,11 @@
 import { App } from "./app";
 import type { Files } from "./model/client";
 import { InputError } from "./model/facts";
+import { Refits, takeToken } from "./refit";
 import { readSite } from "./site";
 import { listenToFiles } from "./ui/files";
 import { listenToKeys } from "./ui/keys";
+import { RefitPanel } from "./ui/refit";
 import { View } from "./ui/view";
 
 const OPEN_ONE = "Open a model, or drop one here: the .onnx file, or the folder, that 'decomo-export' wrote.";
@@ -45,6 +47,7 @@ async function openSite(): Promise<void> {
   const site = readSite(await response.text());
   await app.openModel(site.model, beside);
   if (site.clip) app.openServedClip(site.clip);
+  if (site.refit) new RefitPanel(app, view, new Refits(takeToken()), beside);
 }
 
 function whatIsLacking(): string | undefined {
@@ -60,5 +63,5 @@ const view = new View();
 const app = new App(view);
 view.connect(app);
 listenToFiles(app, view);
-listenToKeys(app);
+listenToKeys(app, view);
 view.attempt(start());

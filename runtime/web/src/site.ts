@@ -7,6 +7,8 @@ export interface Site {
   /** Of the model file, or of the `windows.json` of a clip of several windows, their model files beside it. */
   readonly model: string;
   readonly clip: ClipRecord | null;
+  /** Whether `decomo-view` refits the model. */
+  readonly refit: boolean;
 }
 
 /** Reads the text of `site.json`; `InputError` where it is not what `decomo-view` writes. */
@@ -17,11 +19,11 @@ export function readSite(text: string): Site {
   } catch {
     // as what is no site
   }
-  const { model, clip } = site ?? {};
-  if (typeof model !== "string" || !(clip === null || isRecord(clip))) {
+  const { model, clip, refit = false } = site ?? {};
+  if (typeof model !== "string" || !(clip === null || isRecord(clip)) || typeof refit !== "boolean") {
     throw new InputError("site.json beside the page is damaged; write the folder again with 'decomo-view --export'.");
   }
-  return { model, clip };
+  return { model, clip, refit };
 }
 
 function isRecord(clip: Partial<ClipRecord> | undefined): clip is ClipRecord {

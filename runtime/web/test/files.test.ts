@@ -2,12 +2,14 @@ import { unzipSync, zipSync } from "fflate";
 import { describe, expect, it } from "vitest";
 import { readNpy, writeNpy } from "../src/files/npy";
 import { readPoints } from "../src/files/read";
-import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../src/files/write";
+import { correctionsCsv, pointsCsv, projectJson, tracksCsv, tracksNpz } from "../src/files/write";
 import type { ModelFacts } from "../src/model/facts";
-import type { Point } from "../src/points";
+import type { Correction } from "../src/document";
+import type { Followed } from "../src/tracks";
 
 const FACTS: ModelFacts = { clipName: "c", numFrames: 2, height: 8, width: 10, fps: 12, times: Array.from({ length: 2 }, (_, i) => i / 12), preset: "cpu", occlusionThreshold: 0.5, objectShare: 0.5 };
-const POINTS: Point[] = [
+const GIVEN: Correction[] = [{ point: 1, t: 0, place: { x: 1, y: 2 } }];
+const POINTS: Followed[] = [
   {
     ...{ id: 1, name: 'a "b", c', colour: "#102030", t: 1, x: 2.25, y: -0.5 },
     track: { xy: Float32Array.of(1, 2, 2.25, -0.5), occlusion: Float32Array.of(0.75, 0), occluded: [true, false] },
@@ -16,7 +18,7 @@ const POINTS: Point[] = [
     ...{ id: 2, name: "d", colour: "#405060", t: 0, x: 9.5, y: 7.5 },
     track: { xy: Float32Array.of(9.5, 7.5, 11, 12), occlusion: Float32Array.of(0.25, 1), occluded: [false, true] },
   },
-];
+].map((point) => ({ ...point, answer: point.track, given: [] }));
 const DRAFTS = POINTS.map(({ name, colour, t, x, y }) => ({ name, colour, t, x, y }));
 const bytes = (text: string): Uint8Array => new TextEncoder().encode(text);
 
@@ -34,9 +36,34 @@ describe("files of points", () => {
 
   it("reads back what it writes", () => {
     expect(readPoints("p.csv", bytes(pointsCsv(POINTS)), FACTS)).toEqual(DRAFTS);
-    expect(readPoints("p.json", bytes(pointsJson(POINTS, FACTS)), FACTS)).toEqual(DRAFTS);
+    expect(readPoints("p.json", bytes(projectJson(POINTS, FACTS)), FACTS)).toEqual(DRAFTS);
     const queries = DRAFTS.map(({ t, x, y }) => ({ t, x, y }));
     expect(readPoints("p.npz", tracksNpz(POINTS, FACTS), FACTS)).toEqual(queries);
+  });
+
+  it("reads tracks back as points", () => {
+    const queries = DRAFTS.map(({ t, x, y }) => ({ t, x, y }));
+    expect(readPoints("p.csv", bytes(tracksCsv(POINTS, FACTS)), FACTS)).toEqual(queries);
+    expect(readPoints("p.csv", bytes(tracksCsv([...POINTS, ...POINTS], FACTS)), FACTS)).toHaveLength(4);
+  });
+
+  it("writes and reads corrections, the last two columns empty where a point is hidden", () => {
+    const corrections: Correction[] = [...GIVEN, { point: 2, t: 1, place: null }];
+    const text = correctionsCsv({ points: POINTS, corrections });
+    expect(text).toBe("t,x,y,target_t,target_x,target_y\n1,2.25,-0.5,0,1,2\n0,9.5,7.5,1,,\n");
+    expect(readPoints("corrections.csv", bytes(text), FACTS)).toEqual([
+      { t: 1, x: 2.25, y: -0.5, given: [{ t: 0, place: { x: 1, y: 2 } }] },
+      { t: 0, x: 9.5, y: 7.5, given: [{ t: 1, place: null }] },
+    ]);
+  });
+
+  it("keeps corrections in a project", () => {
+    const [first, second] = POINTS.map((point) => ({ ...point, given: point.id === 1 ? GIVEN : [{ point: 2, t: 1, place: null }] }));
+    const read = first && second ? readPoints("p.json", bytes(projectJson([first, second], FACTS)), FACTS) : [];
+    expect(read.map(({ name, given }) => [name, given])).toEqual([
+      ['a "b", c', [{ t: 0, place: { x: 1, y: 2 } }]],
+      ["d", [{ t: 1, place: null }]],
+    ]);
   });
 
   it("writes the arrays of decomo-track", () => {
@@ -96,6 +123,14 @@ describe("files of points", () => {
     ["p.csv", "t,x,y\n0,1,2\n0,one,2\n", "point 1 (counted from 0): t, x and y must be finite numbers"],
     ["p.csv", "t,x,y\n2,1,2\n", "within 0 .. 1, the clip's frames"],
     ["p.csv", "t,x,y\n0,10,2\n", "outside the frame of 10x8"],
+    ["p.csv", "point,frame,query_t,query_x,query_y,y\n0,0,0,1,x,1\n", "point 0 (counted from 0): t, x and y must be finite numbers"],
+    ["c.csv", "t,x,y,target_t,target_x,target_y\n0,1,2,1,3,\n", "point 0 (counted from 0), correction 0: t, x and y must be finite"],
+    ["c.csv", "t,x,y,target_t,target_x,target_y\n0,1,2,2,3,4\n", "correction 0: t is 2 but must be a whole number within 0 .. 1"],
+    ["c.csv", "t,x,y,target_t,target_x,target_y\n0,1,2,1,3,9\n", "correction 0: (3, 9) lies outside the frame of 10x8"],
+    ["c.csv", "t,x,y,target_t,target_x,target_y\n1,1,2,1,3,4\n", "correction 0 is in frame 1, in which the point was placed"],
+    ["c.csv", "t,x,y,target_t,target_x,target_y\n0,1,2,1,3,4\n0,1,2,1,,\n", "has two corrections in frame 1"],
+    ["p.json", '{"points": [{"t": 0, "x": 1, "y": 2, "corrections": 1}]}', "has corrections that are no list"],
+    ["p.json", '{"points": [{"t": 0, "x": 1, "y": 2, "corrections": [null]}]}', "correction 0: t, x and y must be finite"],
     ["p.json", "{", "not JSON"],
     ["p.json", "[]", "no list 'points'"],
     ["p.json", '{"format": "other", "points": []}', "is no file of points"],

@@ -4,6 +4,7 @@ import { zipSync } from "fflate";
 import fc from "fast-check";
 import { describe, test } from "vitest";
 import { writeNpy } from "../src/files/npy";
+import type { Query } from "../src/document";
 import { readPoints } from "../src/files/read";
 import { InputError, type ModelFacts, readFacts } from "../src/model/facts";
 import { frameOrder } from "../src/order";
@@ -27,9 +28,11 @@ function orRefused<T>(read: () => T): T | undefined {
 function arePoints(name: string, bytes: Uint8Array): boolean {
   const drafts = orRefused(() => readPoints(name, bytes, FACTS)) ?? [];
   return drafts.every(
-    ({ t, x, y }) => [0, 1, 2].includes(t) && x >= -0.5 && x <= 9.5 && y >= -0.5 && y <= 7.5 && drafts.length <= 2000,
+    ({ t, x, y, given = [] }) => isQuery({ t, x, y }) && given.every((each) => isQuery({ x, y, ...each.place, t: each.t })) && drafts.length <= 2000,
   );
 }
+
+const isQuery = ({ t, x, y }: Query): boolean => [0, 1, 2].includes(t) && x >= -0.5 && x <= 9.5 && y >= -0.5 && y <= 7.5;
 
 const bytesOf = (text: string): Uint8Array => new TextEncoder().encode(text);
 const suffix = fc.constantFrom("csv", "json", "npz");
@@ -54,10 +57,17 @@ describe("a file of points", () => {
 
   test("of pieces of csv", () => {
     fc.assert(fc.property(fc.array(cell), (cells) => arePoints("p.csv", bytesOf(cells.join("")))));
-    fc.assert(fc.property(fc.array(cell), (cells) => arePoints("p.csv", bytesOf(`t,x,y\n${cells.join("")}`))));
+    for (const header of ["t,x,y", "t,x,y,target_t,target_x,target_y", "point,frame,query_t,query_x,query_y"]) {
+      fc.assert(fc.property(fc.array(cell), (cells) => arePoints("p.csv", bytesOf(`${header}\n${cells.join("")}`))));
+      const row = fc.array(fc.constantFrom("0", "1", "2", "1.5", "", "x"), { minLength: 5, maxLength: 6 });
+      fc.assert(fc.property(fc.array(row), (rows) => arePoints("p.csv", bytesOf([header, ...rows.map((cells) => cells.join())].join("\n")))));
+    }
   });
 
   test("of any JSON", () => {
+    const corrections = fc.array(fc.oneof(value, fc.record({ t: fc.nat(3), x: fc.nat(9), y: value, hidden: value }, { requiredKeys: ["t"] })));
+    const points = fc.array(fc.record({ t: fc.nat(2), x: fc.nat(9), y: fc.nat(7), corrections: fc.oneof(corrections, value) }, { requiredKeys: ["t", "x", "y"] }));
+    fc.assert(fc.property(points, (all) => arePoints("p.json", bytesOf(JSON.stringify({ points: all })))));
     fc.assert(fc.property(fc.oneof(value, pointsFile), (content) => arePoints("p.json", bytesOf(JSON.stringify(content)))));
   });
 
@@ -92,11 +102,11 @@ test("any windows.json: its windows lead from the first frame to the last", () =
 });
 
 test("any site.json", () => {
-  const site = fc.record({ model: value, clip: fc.oneof(value, fc.record({ name: value, frames: fc.array(value) })) }, { requiredKeys: [] });
+  const site = fc.record({ model: value, refit: value, clip: fc.oneof(value, fc.record({ name: value, frames: fc.array(value) })) }, { requiredKeys: [] });
   fc.assert(
     fc.property(fc.oneof(fc.string(), site.map((content) => JSON.stringify(content))), (text) => {
       const read = orRefused(() => readSite(text));
-      return read === undefined || (typeof read.model === "string" && (read.clip?.frames ?? []).every((path) => typeof path === "string"));
+      return read === undefined || (typeof read.refit === "boolean" && typeof read.model === "string" && (read.clip?.frames ?? []).every((path) => typeof path === "string"));
     }),
   );
 });

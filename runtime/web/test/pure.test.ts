@@ -2,57 +2,8 @@ import { afterEach, describe, expect, it, vi } from "vitest";
 import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
 import { LayerRenderer, nextWork, rasterSize, rays, roomFor } from "../src/layers";
 import type { Appearance } from "../src/model/protocol";
-import { PointList, type Track, colourOf, spans, splitTracks } from "../src/points";
+import { spans, splitTracks } from "../src/tracks";
 import { Player } from "../src/ui/player";
-
-const TRACK: Track = { xy: Float32Array.of(0, 0), occlusion: Float32Array.of(0), occluded: [false] };
-const draft = (x: number) => ({ t: 0, x, y: 0 });
-
-describe("the list of points", () => {
-  it("undoes and redoes each change as one step", () => {
-    const points = new PointList();
-    const names = () => points.all.map(({ name }) => name);
-    points.add([draft(1), draft(2)], [TRACK, TRACK]);
-    points.change(2, { name: "eye" });
-    points.remove(1);
-    expect(names()).toEqual(["eye"]);
-    points.undo();
-    points.undo();
-    expect(names()).toEqual(["Point 1", "Point 2"]);
-    points.redo();
-    expect(names()).toEqual(["Point 1", "eye"]);
-    points.clear();
-    expect(points.canRedo).toBe(false);
-    for (let step = 0; step < 9; step++) points.undo();
-    expect(points.all).toEqual([]);
-    expect(points.canUndo).toBe(false);
-  });
-
-  it("takes later tracks, and points back that were not to be followed, as if it had always been so", () => {
-    const points = new PointList();
-    const later: Track = { xy: Float32Array.of(7, 8), occlusion: Float32Array.of(1), occluded: [true] };
-    const first = points.add([draft(1)], [TRACK]);
-    const others = points.add([draft(2), draft(3)], [TRACK, TRACK]);
-    points.change(1, { name: "eye" });
-    points.undo();
-    points.retrack(first, [later]);
-    points.forget(others);
-    const names = () => points.all.map(({ name, track }) => [name, track]);
-    expect(names()).toEqual([["Point 1", later]]);
-    points.redo();
-    expect(names()).toEqual([["eye", later]]);
-    for (const expected of [1, 1, 0]) {
-      points.undo();
-      expect(points.all).toHaveLength(expected);
-    }
-  });
-
-  it("gives neighbours colours that differ", () => {
-    const colours = Array.from({ length: 12 }, (_, id) => colourOf(id));
-    expect(new Set(colours).size).toBe(12);
-    expect(colours.every((colour) => /^#[0-9a-f]{6}$/.test(colour))).toBe(true);
-  });
-});
 
 describe("tracks", () => {
   it("are cut out of the answer row by row", () => {

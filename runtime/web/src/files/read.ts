@@ -1,11 +1,11 @@
-/** Points from files that this page or `decomo-track` wrote. Tracks in them are not taken over but asked for anew. */
+/** Points and corrections from files that this page or `decomo-track` wrote. Tracks in them are asked for anew. */
 
 import { unzipSync } from "fflate";
 import Papa from "papaparse";
+import type { Draft, Given, Query } from "../document";
 import { InputError, type ModelFacts } from "../model/facts";
-import type { Draft } from "../points";
 import { type NumberArray, readNpy } from "./npy";
-import { JSON_FORMAT, JSON_VERSION } from "./write";
+import { CORRECTION_FIELDS, JSON_FORMAT, JSON_VERSION } from "./write";
 
 /** Each is a row of the list and a trail in every picture. */
 const MOST_POINTS = 2000;
@@ -19,11 +19,25 @@ export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): 
   if (drafts.length > MOST_POINTS) {
     throw new InputError(`${name} holds ${drafts.length} points, more than the ${MOST_POINTS} that this page takes at once; ask decomo-track for them.`);
   }
-  drafts.forEach((draft, row) => check(draft, `${name}, point ${row} (counted from 0)`, facts));
+  drafts.forEach((draft, row) => {
+    const where = `${name}, point ${row} (counted from 0)`;
+    check(draft, where, facts);
+    draft.given?.forEach((given, index) => {
+      checkGiven(given, draft, `${where}, correction ${index}`, facts);
+      if (draft.given?.some(({ t }, other) => other < index && t === given.t)) {
+        throw new InputError(`${where} has two corrections in frame ${given.t}; leave one of them out.`);
+      }
+    });
+  });
   return drafts;
 }
 
-function check({ t, x, y }: Draft, where: string, { numFrames, width, height }: ModelFacts): void {
+function checkGiven({ t, place }: Given, query: Query, where: string, facts: ModelFacts): void {
+  check({ ...(place ?? query), t }, where, facts);
+  if (t === query.t) throw new InputError(`${where} is in frame ${t}, in which the point was placed; give it for another frame.`);
+}
+
+function check({ t, x, y }: Query, where: string, { numFrames, width, height }: ModelFacts): void {
   if (![t, x, y].every(Number.isFinite)) throw new InputError(`${where}: t, x and y must be finite numbers.`);
   if (!Number.isInteger(t) || t < 0 || t > numFrames - 1) {
     throw new InputError(`${where}: t is ${t} but must be a whole number within 0 .. ${numFrames - 1}, the clip's frames.`);
@@ -33,26 +47,61 @@ function check({ t, x, y }: Draft, where: string, { numFrames, width, height }: 
   }
 }
 
-/** The delimiter is told by the file: a comma, a semicolon, a tab. */
+/** A row of a table, by the names of its columns. */
+interface Line {
+  readonly cell: (column: string) => string;
+  /** NaN where the cell is empty or no number. */
+  readonly number: (column: string) => number;
+}
+
+/** Columns of tracks, a line for each point and frame. */
+const TRACK_FIELDS = ["point", "frame", "query_t", "query_x", "query_y"];
+
+/** Points, tracks or corrections, which the header tells. The delimiter is told by the file: a comma, a semicolon, a tab. */
 function readCsv(bytes: Uint8Array, name: string): Draft[] {
   const { data, errors } = Papa.parse<string[]>(textOf(bytes, name), { skipEmptyLines: true });
   const broken = errors.find(({ type }) => type === "Quotes");
   if (broken) throw new InputError(`${name}, row ${(broken.row ?? 1) - 1} (counted from 0) has a quote that is not closed; mend it.`);
   const [header = [], ...rows] = data;
   const columns = header.map((column) => column.trim().toLowerCase());
-  const missing = ["t", "x", "y"].filter((column) => columns.indexOf(column) !== columns.lastIndexOf(column) || !columns.includes(column));
+  const has = (column: string): boolean => columns.includes(column);
+  const ofTracks = TRACK_FIELDS.every(has);
+  const names = ofTracks ? { t: "query_t", x: "query_x", y: "query_y" } : { t: "t", x: "x", y: "y" };
+  const missing = Object.values(names).filter((column) => columns.indexOf(column) !== columns.lastIndexOf(column) || !columns.includes(column));
   if (missing.length > 0) {
     throw new InputError(`${name} must begin with the header t,x,y; it has no column ${missing.join(", ")}, or more than one.`);
   }
-  return rows.map((row, index) => {
+  const cells = rows.map((row, index): Line => {
     if (row.length !== columns.length) {
       throw new InputError(`${name}, row ${index} (counted from 0) has ${row.length} values, not ${columns.length}; mend it.`);
     }
     const cell = (column: string): string => row[columns.indexOf(column)] ?? "";
     const number = (column: string): number => (cell(column).trim() === "" ? Number.NaN : Number(cell(column)));
-    return draft(number("t"), number("x"), number("y"), cell("name"), cell("colour"));
+    return { cell, number };
   });
+  if (CORRECTION_FIELDS.every(has)) return corrections(cells);
+  const drafts = cells.map(({ cell, number }) => draft(number(names.t), number(names.x), number(names.y), cell("name"), cell("colour")));
+  return ofTracks ? firsts(drafts, cells.map(({ cell }) => cell("point"))) : drafts;
 }
+
+/** Lines of corrections as drafts: a point that several lines have is one. */
+function corrections(lines: readonly Line[]): Draft[] {
+  const drafts = new Map<string, Query & { given: Given[] }>();
+  for (const { cell, number } of lines) {
+    const query = { t: number("t"), x: number("x"), y: number("y") };
+    const hidden = cell("target_x").trim() === "" && cell("target_y").trim() === "";
+    const given = { t: number("target_t"), place: hidden ? null : { x: number("target_x"), y: number("target_y") } };
+    const key = Object.values(query).join();
+    const draft = drafts.get(key) ?? { ...query, given: [] };
+    draft.given.push(given);
+    drafts.set(key, draft);
+  }
+  return [...drafts.values()];
+}
+
+/** The first draft of each point, whose numbers `points` are. */
+const firsts = (drafts: readonly Draft[], points: readonly string[]): Draft[] =>
+  [...new Map(drafts.map((each, index) => [points[index], each] as const).reverse()).values()].reverse();
 
 function textOf(bytes: Uint8Array, name: string): string {
   try {
@@ -83,7 +132,16 @@ function readJson(bytes: Uint8Array, name: string, facts: ModelFacts): Draft[] {
   checkClip(name, clip ?? {}, facts);
   return points.map((point: Record<string, unknown> | null) => {
     const [t, x, y] = [point?.t, point?.x, point?.y].map((value) => (typeof value === "number" ? value : Number.NaN));
-    return draft(t ?? Number.NaN, x ?? Number.NaN, y ?? Number.NaN, point?.name, point?.colour);
+    const read = draft(t ?? Number.NaN, x ?? Number.NaN, y ?? Number.NaN, point?.name, point?.colour);
+    return point?.corrections === undefined ? read : { ...read, given: givens(point.corrections, name) };
+  });
+}
+
+function givens(corrections: unknown, name: string): Given[] {
+  if (!Array.isArray(corrections)) throw new InputError(`${name} has corrections that are no list; write it with this page.`);
+  return corrections.map((each: Record<string, unknown> | null) => {
+    const [t, x, y] = [each?.t, each?.x, each?.y].map((value) => (typeof value === "number" ? value : Number.NaN));
+    return { t: t ?? Number.NaN, place: each?.hidden === true ? null : { x: x ?? Number.NaN, y: y ?? Number.NaN } };
   });
 }
 

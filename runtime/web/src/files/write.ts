@@ -1,9 +1,10 @@
-/** The points as files: what `decomo-track` reads and writes, and JSON with all that the page knows. */
+/** What the user did as files: points and tracks as `decomo-track` has them, corrections, and the project with it all. */
 
 import { zipSync } from "fflate";
 import Papa from "papaparse";
+import type { Content, Point } from "../document";
 import type { ModelFacts } from "../model/facts";
-import type { Point } from "../points";
+import type { Followed } from "../tracks";
 import { writeNpy } from "./npy";
 
 export const JSON_FORMAT = "decomotion.points";
@@ -16,7 +17,7 @@ export function pointsCsv(points: readonly Point[]): string {
 }
 
 /** A line for each point and frame, as `decomo-track --out tracks.csv`. */
-export function tracksCsv(points: readonly Point[], { times }: ModelFacts): string {
+export function tracksCsv(points: readonly Followed[], { times }: ModelFacts): string {
   const decimals = (value: number | undefined): string => (value ?? 0).toFixed(4);
   const lines = points.flatMap(({ t, x, y, track }, row) =>
     track.occluded.map((hidden, frame) => {
@@ -28,9 +29,9 @@ export function tracksCsv(points: readonly Point[], { times }: ModelFacts): stri
 }
 
 /** The arrays of `decomo-track --out tracks.npz`. */
-export function tracksNpz(points: readonly Point[], { numFrames, width, height, times }: ModelFacts): Uint8Array {
+export function tracksNpz(points: readonly Followed[], { numFrames, width, height, times }: ModelFacts): Uint8Array {
   const count = points.length;
-  const flat = (values: (point: Point) => Iterable<number>): number[] => points.flatMap((point) => [...values(point)]);
+  const flat = (values: (point: Followed) => Iterable<number>): number[] => points.flatMap((point) => [...values(point)]);
   const arrays = {
     queries: writeNpy("<f4", [count, 3], flat(({ t, x, y }) => [t, x, y])),
     tracks: writeNpy("<f4", [count, numFrames, 2], flat(({ track }) => track.xy)),
@@ -44,17 +45,31 @@ export function tracksNpz(points: readonly Point[], { numFrames, width, height, 
   return zipSync(Object.fromEntries(Object.entries(arrays).map(([key, bytes]) => [`${key}.npy`, bytes])));
 }
 
-export function pointsJson(points: readonly Point[], facts: ModelFacts): string {
+export const CORRECTION_FIELDS = ["t", "x", "y", "target_t", "target_x", "target_y"] as const;
+
+/** A line for each correction, as `decomo-train --corrections` takes it: the last two are empty where it is hidden. */
+export function correctionsCsv({ points, corrections }: Content): string {
+  const queries = new Map(points.map((point) => [point.id, point]));
+  const lines = corrections.flatMap(({ point, t, place }) => {
+    const query = queries.get(point);
+    return query === undefined ? [] : [[query.t, query.x, query.y, t, place?.x ?? "", place?.y ?? ""].join(",")];
+  });
+  return `${[CORRECTION_FIELDS.join(","), ...lines].join("\n")}\n`;
+}
+
+/** The project: the points, what is given of them, and their tracks, which `decomo-convert` reads. */
+export function projectJson(points: readonly Followed[], facts: ModelFacts): string {
   const { clipName, numFrames, width, height, fps } = facts;
   const content = {
     format: JSON_FORMAT,
     version: JSON_VERSION,
     clip: { name: clipName, num_frames: numFrames, width, height, fps },
-    points: points.map(({ name, colour, t, x, y, track }) => ({
+    points: points.map(({ name, colour, t, x, y, track, given }) => ({
       ...{ name, colour, t, x, y },
       tracks: Array.from({ length: numFrames }, (_, frame) => [rounded(track.xy[2 * frame]), rounded(track.xy[2 * frame + 1])]),
       occlusion: Array.from(track.occlusion, rounded),
       occluded: track.occluded,
+      ...(given.length > 0 ? { corrections: given.map(({ t, place }) => (place ? { t, ...place } : { t, hidden: true })) } : {}),
     })),
   };
   return `${JSON.stringify(content)}\n`;

@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import { readPoints } from "../files/read";
-import { pointsCsv, pointsJson, tracksCsv, tracksNpz } from "../files/write";
+import { correctionsCsv, pointsCsv, projectJson, tracksCsv, tracksNpz } from "../files/write";
 import type { Files } from "../model/client";
 import { InputError } from "../model/facts";
 import { WINDOWS_FILE } from "../model/windows";
@@ -104,13 +104,14 @@ function named(files: readonly File[]): Files {
 async function save(button: HTMLButtonElement, app: App, view: View): Promise<void> {
   const facts = app.model?.facts;
   if (facts === undefined) return;
-  const points = app.points.all;
+  const points = app.followed;
   const kind = button.dataset.save ?? "";
   const name = `${facts.clipName}-${kind}`;
   if (kind === "points.csv") download(name, pointsCsv(points), "text/csv");
   else if (kind === "tracks.csv") download(name, tracksCsv(points, facts), "text/csv");
   else if (kind === "tracks.npz") download(name, tracksNpz(points, facts) as Uint8Array<ArrayBuffer>, "application/zip");
-  else if (kind === "points.json") download(name, pointsJson(points, facts), "application/json");
+  else if (kind === "corrections.csv") download(name, correctionsCsv(app.document.content), "text/csv");
+  else if (kind === "project.json") download(name, projectJson(points, facts), "application/json");
   else await saveClip();
 
   async function saveClip(): Promise<void> {

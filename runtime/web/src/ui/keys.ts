@@ -3,15 +3,16 @@
 import type { App } from "../app";
 import { LAYERS } from "../layers";
 import { element } from "./dom";
+import type { View } from "./view";
 
-export function listenToKeys(app: App): void {
+export function listenToKeys(app: App, view: View): void {
   document.addEventListener("keydown", (event) => {
     const target = event.target instanceof Element ? event.target : document.body;
     if (event.defaultPrevented || target.closest("input[type=text], input[type=number], select, dialog")) return;
     const action = actionOf(event, app, target.closest("input") !== null, target.closest("button") !== null);
     if (action === undefined) return;
     event.preventDefault();
-    action();
+    view.attempt(Promise.resolve().then(action));
   });
 }
 
@@ -19,8 +20,8 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   if (event.altKey) return undefined;
   if (event.ctrlKey || event.metaKey) {
     const key = event.key.toLowerCase();
-    if (key === "y" || (key === "z" && event.shiftKey)) return () => app.points.redo();
-    return key === "z" ? () => app.points.undo() : undefined;
+    if (key === "y" || (key === "z" && event.shiftKey)) return () => app.document.redo();
+    return key === "z" ? () => app.document.undo() : undefined;
   }
   const layer = LAYERS[Number(event.key) - 1];
   if (layer !== undefined) return () => app.showLayer(layer);
@@ -28,6 +29,7 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   if (event.key === ",") return () => app.player.step(-1);
   if (event.key === ".") return () => app.player.step(1);
   if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();
+  if (event.key === "h" || event.key === "H") return () => app.markOther();
   if (event.key === "Delete") return () => app.removeSelected();
   if (onInput) return undefined;
   const keys: Record<string, () => void> = {

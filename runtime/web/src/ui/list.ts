@@ -1,6 +1,7 @@
 /** The list of points: colour, name, how long it is seen, and a strip over time. */
 
-import { type Point, type PointList, type Track, spans } from "../points";
+import { type Document, changed, withoutPoint } from "../document";
+import { type Followed, type Track, spans } from "../tracks";
 import { make } from "./dom";
 
 export interface ListEvents {
@@ -10,9 +11,10 @@ export interface ListEvents {
 
 interface Row {
   readonly item: HTMLLIElement;
+  readonly strip: HTMLElement;
   readonly needle: HTMLElement;
-  /** Shows the point's name, colour and track. */
-  readonly refresh: (point: Point) => void;
+  /** Shows the point's name, colour and track, and what is given of it. */
+  readonly refresh: (point: Followed) => void;
 }
 
 export class PointRows {
@@ -20,19 +22,19 @@ export class PointRows {
 
   constructor(
     private readonly list: HTMLElement,
-    private readonly points: PointList,
+    private readonly document: Document,
     private readonly events: ListEvents,
   ) {}
 
   /** Brings the rows up to date; those of points that stay are kept, with the focus in them. */
-  update(selected: number | undefined): void {
-    const wanted = new Set(this.points.all.map(({ id }) => id));
+  update(points: readonly Followed[], selected: number | undefined): void {
+    const wanted = new Set(points.map(({ id }) => id));
     for (const [id, { item }] of this.rows) {
       if (wanted.has(id)) continue;
       item.remove();
       this.rows.delete(id);
     }
-    this.points.all.forEach((point, index) => {
+    points.forEach((point, index) => {
       const row = this.rows.get(point.id) ?? this.build(point);
       this.rows.set(point.id, row);
       row.refresh(point);
@@ -43,7 +45,10 @@ export class PointRows {
 
   /** Moves the needles. */
   showFrame(frame: number, numFrames: number): void {
-    for (const { needle } of this.rows.values()) needle.style.left = `${((frame + 0.5) / numFrames) * 100}%`;
+    for (const { needle, strip } of this.rows.values()) {
+      needle.style.left = middleOf(frame, numFrames);
+      strip.ariaValueNow = String(frame);
+    }
   }
 
   /** Scrolls the list where it is too long for its place, and never the page. */
@@ -54,33 +59,37 @@ export class PointRows {
     this.list.scrollTop += Math.min(0, row.top - list.top) + Math.max(0, row.bottom - list.bottom);
   }
 
-  private build(point: Point): Row {
+  private build(point: Followed): Row {
     const { id } = point;
     const numFrames = point.track.occluded.length;
     const swatch = make("input", { type: "color" });
-    swatch.addEventListener("change", () => this.points.change(id, { colour: swatch.value }));
+    swatch.addEventListener("change", () => this.document.change((content) => changed(content, id, { colour: swatch.value })));
     const label = make("input", { type: "text", ariaLabel: "Name", spellcheck: false, maxLength: 80 });
-    label.addEventListener("change", () => this.points.change(id, { name: label.value.trim() || `Point ${id}` }));
+    label.addEventListener("change", () => {
+      const name = label.value.trim() || `Point ${id}`;
+      this.document.change((content) => changed(content, id, { name }));
+    });
     label.addEventListener("focus", () => this.events.onSelect(id));
     const share = make("small");
     const remove = make("button", { type: "button", title: "Delete" }, "×");
     remove.addEventListener("click", () => {
       const neighbour = item.nextElementSibling ?? item.previousElementSibling;
-      this.points.remove(id);
+      this.document.change((content) => withoutPoint(content, id));
       neighbour?.querySelector("button")?.focus();
     });
     const needle = make("i");
-    const strip = make("div", { className: "strip", role: "img" }, needle);
+    const strip = make("div", { className: "strip", role: "slider", tabIndex: 0, ariaValueMin: "0", ariaValueMax: String(numFrames - 1) });
+    strip.addEventListener("focus", () => this.events.onSelect(id)); // the arrows step through frames, as everywhere
     strip.addEventListener("pointerdown", (event) => {
       const area = strip.getBoundingClientRect();
       this.events.onSelect(id);
       this.events.onSeek(Math.floor(((event.clientX - area.left) / area.width) * numFrames));
     });
     const item = make("li", {}, swatch, label, share, remove, strip);
-    let shown: Point | undefined;
-    const refresh = (now: Point): void => {
+    let shown: Followed | undefined;
+    const refresh = (now: Followed): void => {
       if (now === shown) return; // what is being typed stays
-      const { name, colour, track } = now;
+      const { name, colour, track, given } = now;
       if (name !== shown?.name) label.value = name;
       shown = now;
       const seen = track.occluded.filter((hidden) => !hidden).length;
@@ -89,12 +98,22 @@ export class PointRows {
       swatch.value = colour;
       swatch.ariaLabel = `Colour of ${name}`;
       remove.ariaLabel = `Delete ${name}`;
-      strip.ariaLabel = describe(track);
+      strip.ariaLabel = [describe(track), ...given.map(({ t }) => `given in frame ${t}`)].join(", ");
+      strip.replaceChildren(...given.map(({ t }) => mark(t, numFrames)), needle);
       strip.style.backgroundImage = stripes(track, colour);
     };
-    return { item, needle, refresh };
+    return { item, strip, needle, refresh };
   }
 }
+
+/** A diamond in the strip: something is given there. */
+function mark(frame: number, numFrames: number): HTMLElement {
+  const made = make("b");
+  made.style.left = middleOf(frame, numFrames);
+  return made;
+}
+
+const middleOf = (frame: number, numFrames: number): string => `${((frame + 0.5) / numFrames) * 100}%`;
 
 /** Solid where the point is in sight, nothing where it is hidden. */
 function stripes(track: Track, colour: string): string {

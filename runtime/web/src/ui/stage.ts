@@ -1,9 +1,10 @@
-/** The picture that one points at: click, drag an area, or move a cross with the keys. */
+/** The picture that one points at: click, drag an area or a point, or move a cross with the keys. */
 
-import { type Scene, drawScene, markRadius } from "../draw";
+import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
 
-const DRAG_PIXELS = 6;
+/** Pixels of the screen by which a press becomes a drag: of an area, and of a point. */
+const DRAG_PIXELS = { area: 6, point: 2 };
 const SELECT_PIXELS = 9;
 
 export interface StageEvents {
@@ -11,6 +12,10 @@ export interface StageEvents {
   onClick(place: Place, t: number, id: number | undefined): void;
   /** The corners of an area of frame t. */
   onArea(polygon: readonly Place[], t: number): void;
+  /** A point is taken hold of; `placing`: by `place`, and the next click or Enter puts it down. */
+  onHold(id: number, placing: boolean): void;
+  /** It belongs to `place` in frame t. */
+  onCorrect(id: number, place: Place, t: number): void;
 }
 
 export class Stage {
@@ -23,6 +28,9 @@ export class Stage {
   private seen: Scene | undefined;
   private cross: Place | undefined;
   private corner: Place | undefined;
+  /** The point that is dragged, or that a click or the cross places. */
+  private held: number | undefined;
+  private placing = false;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -55,6 +63,18 @@ export class Stage {
     this.draw();
   }
 
+  /** Takes hold of the selected point, wherever it is: the next click, or Enter at the cross, says where it belongs. */
+  place(): void {
+    this.canvas.focus({ preventScroll: true });
+    const { points = [], selected, frame = 0 } = this.scene ?? {};
+    const point = points.find(({ id }) => id === selected);
+    if (point === undefined) return;
+    this.cross = roundPlace(clampPlace({ x: point.track.xy[2 * frame] ?? 0, y: point.track.xy[2 * frame + 1] ?? 0 }, this.image));
+    this.corner = undefined;
+    this.hold(point.id, true);
+    this.draw();
+  }
+
   private fit(): void {
     const { clientWidth, clientHeight } = this.canvas;
     const [width, height] = [clientWidth, clientHeight].map((side) => Math.max(1, Math.round(side * devicePixelRatio)));
@@ -68,8 +88,13 @@ export class Stage {
     if (context === null || this.scene === undefined) return;
     drawScene(context, this.scene);
     const outline = this.corner && this.cross ? box(this.corner, this.cross) : this.outline();
+    const target = this.held === undefined ? undefined : (this.cross ?? (this.isDrag() ? this.path.at(-1) : undefined));
     if (outline.length > 1) this.stroke(context, outline.map((place) => this.onCanvas(place)));
     if (this.cross) this.drawCross(context, this.onCanvas(this.cross));
+    if (target) {
+      const { x, y } = this.onCanvas(target);
+      drawDiamond(context, x, y, 2.1 * markRadius(Math.max(this.canvas.width, this.canvas.height)));
+    }
   }
 
   private stroke(context: CanvasRenderingContext2D, places: readonly Place[]): void {
@@ -103,14 +128,15 @@ export class Stage {
 
   private outline(): Place[] {
     const [first, last] = [this.path[0], this.path.at(-1)];
-    if (first === undefined || last === undefined || !this.isDrag()) return [];
+    if (first === undefined || last === undefined || this.held !== undefined || !this.isDrag()) return [];
     return this.shape === "box" ? box(first, last) : this.path;
   }
 
   private isDrag(): boolean {
     const first = this.path[0];
     const scale = this.canvas.clientWidth / this.image.width;
-    return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > DRAG_PIXELS);
+    const least = this.held === undefined ? DRAG_PIXELS.area : DRAG_PIXELS.point;
+    return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > least);
   }
 
   private onCanvas({ x, y }: Place): Place {
@@ -118,7 +144,7 @@ export class Stage {
     return { x: ((x + 0.5) * width) / this.image.width, y: ((y + 0.5) * height) / this.image.height };
   }
 
-  private place(event: PointerEvent): Place {
+  private placeOf(event: PointerEvent): Place {
     const area = this.canvas.getBoundingClientRect();
     const x = ((event.clientX - area.left) / area.width) * this.image.width - 0.5;
     const y = ((event.clientY - area.top) / area.height) * this.image.height - 0.5;
@@ -128,28 +154,48 @@ export class Stage {
   private onDown(event: PointerEvent): void {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
-    this.path = [this.place(event)];
+    this.path = [this.placeOf(event)];
     this.seen = this.scene;
     this.showCross(false);
+    if (this.placing) return;
+    const id = event.shiftKey || this.seen === undefined ? undefined : this.pointAt(this.placeOf(event), this.seen);
+    if (id === undefined) this.letGo();
+    else this.hold(id, false);
   }
 
   private onMove(event: PointerEvent): void {
-    if (this.path.length === 0) return;
-    this.path.push(this.place(event));
+    if (this.path.length === 0) {
+      const over = !event.shiftKey && this.scene !== undefined && this.pointAt(this.placeOf(event), this.scene) !== undefined;
+      this.canvas.style.cursor = over ? "grab" : "";
+      return;
+    }
+    this.path.push(this.placeOf(event));
     this.draw();
   }
 
   private onUp(event: PointerEvent): void {
-    const [first, area, seen] = [this.path[0], this.outline(), this.seen];
+    const [first, last, area, seen, held] = [this.path[0], this.placeOf(event), this.outline(), this.seen, this.held];
+    const puts = this.placing || this.isDrag();
     this.abandon();
     if (first === undefined || seen === undefined) return;
-    if (area.length > 0) this.events.onArea(area, seen.frame);
-    else this.events.onClick(first, seen.frame, event.shiftKey ? undefined : this.pointAt(first, seen));
+    if (held !== undefined && puts) this.events.onCorrect(held, last, seen.frame);
+    else if (area.length > 0) this.events.onArea(area, seen.frame);
+    else this.events.onClick(first, seen.frame, held);
+  }
+
+  private hold(id: number, placing: boolean): void {
+    [this.held, this.placing] = [id, placing];
+    this.events.onHold(id, placing);
+  }
+
+  private letGo(): void {
+    [this.held, this.placing] = [undefined, false];
   }
 
   private abandon(): void {
     this.path = [];
     this.corner = undefined;
+    this.letGo();
     this.draw();
   }
 
@@ -170,6 +216,7 @@ export class Stage {
     const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
     this.cross = shown ? (this.cross ?? centre) : undefined;
     if (!shown) this.corner = undefined;
+    if (!shown && this.path.length === 0) this.letGo(); // a drag goes on: its first press moves the focus here
     this.draw();
   }
 
@@ -188,13 +235,17 @@ export class Stage {
     if (move !== undefined) {
       this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image, 0);
     } else if (event.key === "Enter") {
-      if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
+      if (this.held !== undefined) this.events.onCorrect(this.held, this.cross, this.scene.frame);
+      else if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
       else this.events.onClick(this.cross, this.scene.frame, undefined);
-      this.corner = undefined;
+      this.abandon();
     } else if (event.key === "b" || event.key === "B") {
+      this.letGo();
       this.corner = this.cross;
+    } else if (event.key === "m" || event.key === "M") {
+      this.place();
     } else if (event.key === "Escape") {
-      this.corner = undefined;
+      this.abandon();
     } else {
       return;
     }

@@ -1,19 +1,21 @@
 /** The page's controls: what they show, and what they set going. */
 
-import type { App } from "../app";
+import { type App, SIDES } from "../app";
+import { withoutCorrections, withoutPoints } from "../document";
 import type { Layer } from "../layers";
 import { LAYERS } from "../layers";
 import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
 import { summary, warning } from "../model/quality";
-import type { PointList } from "../points";
 import { element, make } from "./dom";
 import { Stage } from "./stage";
 
 const NO_SPLIT = "nothing";
+const PLACING = "Click where the point belongs in this frame, or move the cross there and press Enter; Escape gives up.";
 
 export class View {
   readonly list = element("points", HTMLOListElement);
+  readonly corrections = element("corrections", HTMLOListElement);
   readonly stage: Stage;
   private app: App | undefined;
   private readonly scrub = element("scrub", HTMLInputElement);
@@ -27,6 +29,11 @@ export class View {
     this.stage = new Stage(element("stage", HTMLCanvasElement), element("frame", HTMLDivElement), {
       onClick: (place, t, id) => (id === undefined ? this.attempt(this.app?.addAt(place, t)) : this.app?.select(id)),
       onArea: (polygon, t) => this.attempt(this.app?.addArea(polygon, t, Math.max(1, this.spacing.valueAsNumber || 16))),
+      onHold: (id, placing) => {
+        this.app?.hold(id);
+        if (placing) this.status(PLACING);
+      },
+      onCorrect: (id, place, t) => this.attempt(this.app?.correct(id, place, t)),
     });
     for (const layer of LAYERS) {
       const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
@@ -60,16 +67,24 @@ export class View {
       radio.addEventListener("change", () => (this.stage.shape = radio.value === "lasso" ? "lasso" : "box"));
     }
     const onClick = (id: string, action: () => void): void =>
-      element(id, HTMLButtonElement).addEventListener("click", action);
+      element(id, HTMLButtonElement).addEventListener("click", () => this.attempt(Promise.resolve().then(action)));
     onClick("play", () => app.player.toggle());
     onClick("previous", () => app.player.step(-1));
     onClick("next", () => app.player.step(1));
-    onClick("undo", () => app.points.undo());
-    onClick("redo", () => app.points.redo());
-    onClick("clear", () => app.points.clear());
+    onClick("undo", () => app.document.undo());
+    onClick("redo", () => app.document.redo());
+    onClick("clear", () => app.document.change(withoutPoints));
+    onClick("place", () => this.stage.place());
+    onClick("mark-hidden", () => app.mark(true));
+    onClick("mark-seen", () => app.mark(false));
+    onClick("clear-corrections", () => app.document.change(withoutCorrections));
+    for (const side of SIDES) {
+      const radio = element(`side-${side}`, HTMLInputElement);
+      radio.addEventListener("change", () => app.showSide(side));
+    }
     onClick("help", () => element("keys", HTMLDialogElement).showModal());
     element("alert", HTMLDivElement).querySelector("button")?.addEventListener("click", () => this.dismiss());
-    this.points(app.points);
+    this.content(app);
   }
 
   /** Says what is open, and how it runs. */
@@ -128,14 +143,18 @@ export class View {
   }
 
   /** `unfinished`: some are still being followed, and none can be saved. */
-  points(points: PointList, unfinished = false): void {
-    const count = points.all.length;
+  content({ document: { points, corrections, canUndo, canRedo }, selected }: App, unfinished = false): void {
+    const count = points.length;
     element("count", HTMLSpanElement).textContent = String(count);
     element("no-points", HTMLParagraphElement).hidden = count > 0;
-    element("undo", HTMLButtonElement).disabled = !points.canUndo;
-    element("redo", HTMLButtonElement).disabled = !points.canRedo;
+    element("undo", HTMLButtonElement).disabled = !canUndo;
+    element("redo", HTMLButtonElement).disabled = !canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
     element("save", HTMLFieldSetElement).disabled = count === 0 || unfinished;
+    element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
+    element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
+    for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;
+    for (const id of ["place", "mark-hidden", "mark-seen"]) element(id, HTMLButtonElement).disabled = selected === undefined;
   }
 
   loading(text: string | undefined): void {

@@ -1,0 +1,184 @@
+/** What the user did, and nothing else: one content with one history. What follows from it, tracks above all, is derived. */
+
+import type { Place } from "./geometry";
+
+/** A query: the point seen at (x, y) of frame t. */
+export interface Query extends Place {
+  readonly t: number;
+}
+
+export interface Point extends Query {
+  readonly id: number;
+  readonly name: string;
+  /** `#rrggbb` */
+  readonly colour: string;
+}
+
+/** Where the user says that a point is in frame t; null: it is hidden there. */
+export interface Given {
+  readonly t: number;
+  readonly place: Place | null;
+}
+
+/** One given of the point with the id `point`; of a point there is one in a frame. */
+export interface Correction extends Given {
+  readonly point: number;
+}
+
+/** What an imported file may say about a point beside its query. */
+export interface Draft extends Query {
+  readonly name?: string;
+  readonly colour?: string;
+  readonly given?: readonly Given[];
+}
+
+export interface Content {
+  readonly points: readonly Point[];
+  /** By points, in the order of the list, and frames. */
+  readonly corrections: readonly Correction[];
+}
+
+const EMPTY: Content = { points: [], corrections: [] };
+
+/** The content, and the way back: each change is one step that can be undone. */
+export class Document {
+  private readonly past: Content[] = [];
+  private readonly future: Content[] = [];
+  private current = EMPTY;
+  private lastId = 0;
+
+  constructor(private readonly onChange: () => void = () => {}) {}
+
+  get content(): Content {
+    return this.current;
+  }
+
+  get points(): readonly Point[] {
+    return this.current.points;
+  }
+
+  get corrections(): readonly Correction[] {
+    return this.current.corrections;
+  }
+
+  get canUndo(): boolean {
+    return this.past.length > 0;
+  }
+
+  get canRedo(): boolean {
+    return this.future.length > 0;
+  }
+
+  /** The points of now, and those that undo and redo can bring. */
+  everyPoint(): readonly Point[] {
+    return [...this.past, this.current, ...this.future].flatMap(({ points }) => points);
+  }
+
+  /** Changes the content as one step; none where nothing changes. */
+  change(step: (content: Content) => Content): void {
+    const next = step(this.current);
+    if (next === this.current) return;
+    this.past.push(this.current);
+    this.future.length = 0;
+    this.current = next;
+    this.onChange();
+  }
+
+  /**
+   * Adds points, and what is given of them, as one step; returns those that are new. A nameless draft with givens is
+   * the point of the list that has its query, where there is one.
+   */
+  add(drafts: readonly Draft[]): readonly Point[] {
+    const added: Point[] = [];
+    const corrections: Correction[] = [];
+    for (const draft of drafts) {
+      const joined = draft.name === undefined && draft.given !== undefined ? this.points.find((point) => sameQuery(point, draft)) : undefined;
+      const point = joined ?? this.named(draft);
+      if (joined === undefined) added.push(point);
+      corrections.push(...(draft.given ?? []).map((given) => ({ ...given, point: point.id })));
+    }
+    this.change((content) => corrections.reduce(corrected, { ...content, points: [...content.points, ...added] }));
+    return added;
+  }
+
+  undo(): void {
+    this.step(this.past, this.future);
+  }
+
+  redo(): void {
+    this.step(this.future, this.past);
+  }
+
+  /** Removes points, and what is given of them, as if they had never been added. */
+  forget(points: readonly Point[]): void {
+    const without = (content: Content): Content => points.reduce((left, { id }) => withoutPoint(left, id), content);
+    for (const contents of [this.past, this.future]) contents.forEach((content, step) => (contents[step] = without(content)));
+    this.current = without(this.current);
+    this.onChange();
+  }
+
+  /** Forgets all, history included: another model was opened. */
+  reset(): void {
+    this.past.length = this.future.length = 0;
+    this.current = EMPTY;
+    this.lastId = 0;
+    this.onChange();
+  }
+
+  private named({ t, x, y, name, colour }: Draft): Point {
+    const id = ++this.lastId;
+    return { id, name: name ?? `Point ${id}`, colour: colour ?? colourOf(id), t, x, y };
+  }
+
+  private step(from: Content[], to: Content[]): void {
+    const next = from.pop();
+    if (next === undefined) return;
+    to.push(this.current);
+    this.current = next;
+    this.onChange();
+  }
+}
+
+export const changed = (content: Content, id: number, part: Partial<Omit<Point, "id">>): Content => ({
+  ...content,
+  points: content.points.map((point) => (point.id === id ? { ...point, ...part } : point)),
+});
+
+export const withoutPoint = ({ points, corrections, ...others }: Content, id: number): Content => ({
+  ...others,
+  points: points.filter((point) => point.id !== id),
+  corrections: corrections.filter(({ point }) => point !== id),
+});
+
+/** With `correction` in place of what was said of that point and frame. */
+export function corrected(content: Content, correction: Correction): Content {
+  const others = withoutCorrection(content, correction).corrections;
+  const place = new Map(content.points.map(({ id }, index) => [id, index]));
+  const order = (a: Correction, b: Correction): number => (place.get(a.point) ?? 0) - (place.get(b.point) ?? 0) || a.t - b.t;
+  return { ...content, corrections: [...others, correction].sort(order) };
+}
+
+export function withoutCorrection(content: Content, { point, t }: Pick<Correction, "point" | "t">): Content {
+  const corrections = content.corrections.filter((each) => each.point !== point || each.t !== t);
+  return corrections.length === content.corrections.length ? content : { ...content, corrections };
+}
+
+export const withoutPoints = (content: Content): Content => ({ ...content, points: [], corrections: [] });
+
+export const withoutCorrections = (content: Content): Content => ({ ...content, corrections: [] });
+
+const sameQuery = (a: Query, b: Query): boolean => a.t === b.t && a.x === b.x && a.y === b.y;
+
+const GOLDEN_ANGLE = 137.508;
+const FIRST_HUE = 205;
+
+/** `#rrggbb`; neighbours in the list lie far apart on the wheel. */
+export function colourOf(id: number): string {
+  const hue = (FIRST_HUE + id * GOLDEN_ANGLE) % 360;
+  const channel = (offset: number): string => {
+    const k = (offset + hue / 30) % 12;
+    const value = 0.6 - 0.36 * Math.max(-1, Math.min(k - 3, 9 - k, 1)); // hsl(hue 90% 60%)
+    return Math.round(255 * value).toString(16).padStart(2, "0");
+  };
+  return `#${channel(0)}${channel(8)}${channel(4)}`;
+}
