@@ -4,10 +4,13 @@ import { Clip, type ClipRecord } from "./clip";
 import { type Draft, Document, type Point, changed, corrected, withoutPoint } from "./document";
 import type { Scene } from "./draw";
 import { type Place, clampPlace, gridCells, gridInside, roundPlace } from "./geometry";
+import { HeatMaps, paintHeat } from "./heat";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
 import { type Files, Model } from "./model/client";
+import { unit } from "./model/errors";
 import { InputError } from "./model/facts";
 import type { Tracked } from "./model/protocol";
+import { inPixels, leastSure, neighbour } from "./sureness";
 import { Answers, type Followed, splitTracks } from "./tracks";
 import { CorrectionRows } from "./ui/corrections";
 import { PointRows } from "./ui/list";
@@ -40,6 +43,9 @@ export class App {
   split: Layer | undefined;
   splitAt = 0.5;
   trail = DEFAULT_TRAIL;
+  /** Whether tracks have the colours of their expected errors, and whether these are shown over the picture. */
+  byError = false;
+  heatShown = false;
   model: Model | undefined;
   clip: Clip | undefined;
   candidate: Candidate | undefined;
@@ -51,6 +57,7 @@ export class App {
   files: Files | undefined;
   private path = "";
   private renderer: LayerRenderer | undefined;
+  private heatMaps: HeatMaps | undefined;
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
   private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
@@ -143,10 +150,17 @@ export class App {
   private use(model: Model, path: string, answers: Answers): void {
     this.model?.close();
     this.renderer?.close();
+    this.heatMaps?.cancel();
     Object.assign(this, { model, path, answers });
     this.renderer = new LayerRenderer(
       model.facts,
       (queries) => model.render(queries),
+      (frame) => this.onPicture(frame),
+      (error) => this.view.alert(error),
+    );
+    this.heatMaps = new HeatMaps(
+      model.facts,
+      (queries, frames) => model.glance(queries, frames),
       (frame) => this.onPicture(frame),
       (error) => this.view.alert(error),
     );
@@ -161,8 +175,8 @@ export class App {
     if (candidate === undefined) return;
     const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
     if (missing.length === 0) return;
-    const { tracks, occlusion } = await candidate.model.track(queriesOf(missing));
-    candidate.answers.set(missing, this.cut(candidate.model, tracks, occlusion));
+    const answer = await candidate.model.track(queriesOf(missing));
+    candidate.answers.set(missing, splitTracks(answer, missing, candidate.model.facts));
     this.onDocument();
   }
 
@@ -196,9 +210,9 @@ export class App {
     };
     let begun = false;
     let added: readonly Point[] = [];
-    const onPart = ({ tracks, occlusion }: Tracked): void => {
+    const onPart = (part: Tracked): void => {
       if (model !== this.model) return;
-      this.answers.set(drafts, this.cut(model, tracks, occlusion));
+      this.answers.set(drafts, splitTracks(part, drafts, model.facts));
       if (begun) return this.onDocument();
       begun = true;
       this.unfinished++;
@@ -296,7 +310,7 @@ export class App {
       if (this.model === undefined) return;
       const { frame } = this.player;
       this.view.stage.show(this.scene(frame, (layer) => this.picture(layer, frame)));
-      this.view.showFrame(frame, this.model.facts.numFrames, this.player.playing);
+      this.view.showFrame(this, this.model.facts.numFrames);
       this.rows.showFrame(frame, this.model.facts.numFrames);
     });
   }
@@ -304,7 +318,7 @@ export class App {
   /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
   finishedScenes(): (frame: number) => Promise<Scene> {
     const { layer, split, clip, renderer } = this;
-    const now = { ...this.scene(0, () => undefined), selected: undefined };
+    const now = { ...this.scene(0, () => undefined), selected: undefined, heat: undefined };
     const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
       if (of === undefined) return undefined;
       return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
@@ -321,6 +335,26 @@ export class App {
     this.layer = layer;
     this.view.layers(LAYERS, this);
     this.show();
+  }
+
+  colourByError(on: boolean): void {
+    this.byError = on;
+    this.onDocument();
+  }
+
+  showHeat(on: boolean): void {
+    this.heatShown = on;
+    if (!on) this.heatMaps?.cancel();
+    this.onDocument();
+  }
+
+  /** Goes to the next or the former moment at which the model is least sure of a point. */
+  jump(step: 1 | -1): void {
+    const moment = neighbour(leastSure(this.followed), this.player.frame, this.selected, step);
+    if (moment === undefined) return;
+    this.player.step(moment.frame - this.player.frame);
+    this.select(moment.id);
+    this.view.status(`${this.pointOf(moment.id)?.name ?? ""} in frame ${moment.frame}: expected within ${inPixels(moment.error)} px.`);
   }
 
   private keepClip(): void {
@@ -355,7 +389,19 @@ export class App {
       ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
+      heat: this.heatShown ? this.heatOf(frame) : undefined,
+      errorUnit: this.errorUnit,
     };
+  }
+
+  /** The length of a unit in pixels of the clip, where tracks are coloured by their errors. */
+  private get errorUnit(): number | undefined {
+    return this.byError && this.model ? unit(this.model.facts) : undefined;
+  }
+
+  private heatOf(frame: number): OffscreenCanvas | undefined {
+    const map = this.heatMaps?.get(frame);
+    return map && this.model && paintHeat(map, unit(this.model.facts));
   }
 
   private picture(layer: Layer, frame: number): CanvasImageSource | undefined {
@@ -400,22 +446,18 @@ export class App {
     if (model === undefined) return;
     const query = { t, ...place };
     if (this.answers.get(query) === undefined) {
-      const { tracks, occlusion } = await model.track(queriesOf([query]));
+      const answer = await model.track(queriesOf([query]));
       if (model !== this.model) return;
-      this.answers.set([query], this.cut(model, tracks, occlusion));
+      this.answers.set([query], splitTracks(answer, [query], model.facts));
     }
     this.document.change((content) => changed(content, id, place));
     await this.completeCandidate();
   }
 
-  private cut({ facts }: Model, tracks: Float32Array, occlusion: Float32Array): ReturnType<typeof splitTracks> {
-    return splitTracks(tracks, occlusion, facts.numFrames, facts.occlusionThreshold);
-  }
-
   private onDocument(): void {
     if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
     this.followed = this.answers.follow(this.document.content);
-    this.rows.update(this.followed, this.selected);
+    this.rows.update(this.followed, this.selected, this.errorUnit);
     this.correctionRows.update();
     this.view.content(this, this.unfinished > 0);
     this.onContent();

@@ -1,14 +1,20 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
 import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
 import { LayerRenderer, nextWork, rasterSize, rays, roomFor } from "../src/layers";
+import { errorInUnits } from "../src/model/errors";
+import type { ModelFacts } from "../src/model/facts";
 import type { Appearance } from "../src/model/protocol";
 import { spans, splitTracks } from "../src/tracks";
 import { Player } from "../src/ui/player";
 
 describe("tracks", () => {
   it("are cut out of the answer row by row", () => {
-    const [first, second] = splitTracks(Float32Array.of(1, 2, 3, 4, 5, 6, 7, 8), Float32Array.of(0.1, 0.5, 0.6, 1), 2, 0.5);
-    expect(first).toEqual({ xy: Float32Array.of(1, 2, 3, 4), occlusion: Float32Array.of(0.1, 0.5), occluded: [false, false] });
+    const tracked = { tracks: Float32Array.of(1, 2, 3, 4, 5, 6, 7, 8), occlusion: Float32Array.of(0.1, 0.5, 0.6, 1) };
+    const facts = { numFrames: 2, occlusionThreshold: 0.5, width: 512, height: 99 } as ModelFacts;
+    const [first, second] = splitTracks(tracked, [{ t: 0, x: 1, y: 2 }, { t: 1, x: 7, y: 8 }], facts);
+    expect(first).toMatchObject({ xy: Float32Array.of(1, 2, 3, 4), occlusion: Float32Array.of(0.1, 0.5), occluded: [false, false] });
+    expect([first?.error[0], second?.error[1]]).toEqual([0, 0]);
+    expect(first?.error[1]).toBeCloseTo(2 * errorInUnits(0.5, 1, undefined), 4);
     expect(second?.occluded).toEqual([true, true]);
   });
 
