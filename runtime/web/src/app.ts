@@ -21,6 +21,7 @@ const MOST_POINTS_AT_ONCE = 400;
 /** Of a grid's box, most of which a lasso may leave out. */
 const MOST_CELLS = 100 * MOST_POINTS_AT_ONCE;
 const DEFAULT_TRAIL = 12;
+const MOST_CANVASES = 8;
 
 /** What is shown while a refitted model waits for a verdict. */
 export const SIDES = ["old", "both", "new"] as const;
@@ -60,7 +61,8 @@ export class App {
   private heatMaps: HeatMaps | undefined;
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
-  private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
+  /** The last canvases that were painted with parts of rasters. */
+  private readonly rasterCanvases = new Map<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
   /** Askings whose points are on the list while more of their tracks is to come. */
@@ -94,7 +96,7 @@ export class App {
       this.use(model, path, new Answers());
       this.document.reset();
       this.selected = undefined;
-      this.player.load(model.facts.numFrames, model.facts.fps);
+      this.player.load(model.facts);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
       this.split = undefined;
       this.keepClip();
@@ -309,8 +311,11 @@ export class App {
     this.redraw = requestAnimationFrame(() => {
       if (this.model === undefined) return;
       const { frame } = this.player;
-      this.view.stage.show(this.scene(frame, (layer) => this.picture(layer, frame)));
-      this.view.showFrame(this, this.model.facts.numFrames);
+      this.isReady(frame); // asks for its pictures
+      const shown = this.frameToShow(frame);
+      const heat = this.heatShown ? this.heatOf(shown) : undefined;
+      this.view.stage.show({ ...this.scene(shown, (layer) => this.pictureHad(layer, shown)), heat });
+      this.view.showFrame(this, this.model.facts.numFrames, shown);
       this.rows.showFrame(frame, this.model.facts.numFrames);
     });
   }
@@ -318,7 +323,7 @@ export class App {
   /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
   finishedScenes(): (frame: number) => Promise<Scene> {
     const { layer, split, clip, renderer } = this;
-    const now = { ...this.scene(0, () => undefined), selected: undefined, heat: undefined };
+    const now = { ...this.scene(0, () => undefined), selected: undefined };
     const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
       if (of === undefined) return undefined;
       return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
@@ -389,7 +394,6 @@ export class App {
       ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
-      heat: this.heatShown ? this.heatOf(frame) : undefined,
       errorUnit: this.errorUnit,
     };
   }
@@ -404,8 +408,8 @@ export class App {
     return map && this.model && paintHeat(map, unit(this.model.facts));
   }
 
-  private picture(layer: Layer, frame: number): CanvasImageSource | undefined {
-    return layer === "clip" ? this.clip?.get(frame) : this.canvasOf(this.renderer?.get(frame), layer);
+  private pictureHad(layer: Layer, frame: number): CanvasImageSource | undefined {
+    return layer === "clip" ? this.clip?.peek(frame) : this.canvasOf(this.renderer?.peek(frame), layer);
   }
 
   private canvasOf(raster: Raster | undefined, layer: Rendered): OffscreenCanvas | undefined {
@@ -416,16 +420,37 @@ export class App {
     const canvas = new OffscreenCanvas(pixels.width, pixels.height);
     canvas.getContext("2d")?.putImageData(pixels, 0, 0);
     this.rasterCanvases.set(pixels, canvas);
+    for (const oldest of this.rasterCanvases.keys()) {
+      if (this.rasterCanvases.size <= MOST_CANVASES) break;
+      this.rasterCanvases.delete(oldest);
+    }
     return canvas;
   }
 
-  /** True where playing need not wait for a frame. */
+  /** The frame, or while its pictures are still to come the nearest that has them: nothing is black where something is. */
+  private frameToShow(frame: number): number {
+    const { numFrames } = this.model?.facts ?? { numFrames: 0 };
+    for (let apart = 0; apart < numFrames; apart++) {
+      for (const near of [frame - apart, frame + apart]) if (this.layersShown.every((layer) => this.has(layer, near))) return near;
+    }
+    return frame;
+  }
+
+  private get layersShown(): Layer[] {
+    return this.split === undefined ? [this.layer] : [this.layer, this.split];
+  }
+
+  private has(layer: Layer, frame: number): boolean {
+    return (layer === "clip" ? this.clip : this.renderer)?.peek(frame) !== undefined;
+  }
+
+  /** True where playing need not wait for a frame; asks for its pictures. */
   private isReady(frame: number): boolean {
-    return [this.layer, this.split].every((layer) => layer === undefined || this.picture(layer, frame) !== undefined);
+    return this.layersShown.map((layer) => (layer === "clip" ? this.clip : this.renderer)?.get(frame)).every((picture) => picture !== undefined);
   }
 
   private onPicture(frame: number): void {
-    if (frame === this.player.frame) this.show();
+    if (frame === this.player.frame || !this.layersShown.every((layer) => this.has(layer, this.player.frame))) this.show();
   }
 
   /** While a refitted model waits: what the models answer, the track that is compared with as a ghost. */

@@ -59,6 +59,7 @@ type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
 
 /** Grey chequers, and the picture on them: they show where it is transparent. */
 function drawPicture(context: Context, picture: CanvasImageSource): void {
+  if (picture instanceof ImageBitmap && picture.width === 0) return; // it has left the memory; another will be shown
   const { width, height } = context.canvas;
   ground ??= chequers();
   context.fillStyle = context.createPattern(ground, "repeat") ?? "#999";

@@ -133,11 +133,11 @@ describe("the renderer of layers", () => {
     expect(Reflect.get(made, "begun").size).toBe(12);
   });
 
-  it("has room for no more than half a gigabyte", () => {
+  it("has room for no more than an eighth of a gigabyte", () => {
     for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
       const finest = rasterSize({ width, height }, 2);
       const bytes = 5 * 4 * finest.width * finest.height;
-      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 29 / bytes));
+      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 27 / bytes));
     }
   });
 
@@ -161,7 +161,10 @@ describe("the renderer of layers", () => {
 });
 
 describe("the player", () => {
-  afterEach(() => vi.unstubAllGlobals());
+  afterEach(() => {
+    vi.unstubAllGlobals();
+    vi.restoreAllMocks();
+  });
 
   it("has one clock, however often it is switched within a frame of the screen", () => {
     const requests = new Map<number, FrameRequestCallback>();
@@ -169,9 +172,26 @@ describe("the player", () => {
     vi.stubGlobal("requestAnimationFrame", (callback: FrameRequestCallback) => requests.set(++last, callback) && last);
     vi.stubGlobal("cancelAnimationFrame", (request: number) => requests.delete(request));
     const player = new Player(() => {}, () => true);
-    player.load(5, 10);
+    player.load({ times: [0, 0.1, 0.2, 0.3, 0.4], fps: 10 });
     for (let press = 0; press < 3; press++) player.toggle();
     expect(player.playing).toBe(true);
     expect(requests.size).toBe(1);
+  });
+
+  it("shows each frame for its own time, the last for a mean one", () => {
+    let [now, request]: [number, FrameRequestCallback] = [0, () => {}];
+    vi.stubGlobal("requestAnimationFrame", (callback: FrameRequestCallback) => ((request = callback), 1));
+    vi.stubGlobal("cancelAnimationFrame", () => undefined);
+    vi.spyOn(performance, "now").mockImplementation(() => now);
+    const player = new Player(() => {}, () => true);
+    player.load({ times: [0, 0.04, 0.14, 0.2], fps: 15 });
+    player.toggle();
+    const shown: number[] = [];
+    for (; now <= 600; now += 10) {
+      request(now);
+      shown.push(player.frame);
+    }
+    expect([0, 1, 2, 3].map((frame) => shown.indexOf(frame, 1) * 10)).toEqual([10, 40, 140, 200]);
+    expect(shown.indexOf(0, 21) * 10).toBe(270); // 1 / 15 after the last
   });
 });

@@ -132,7 +132,11 @@ export class View {
     this.divider.hidden = app.split === undefined;
   }
 
-  showFrame({ followed, selected, player: { frame, playing } }: App, numFrames: number): void {
+  /** `shown`: the frame that stands in for one whose pictures are still to come, or the same. */
+  showFrame({ followed, selected, player: { frame, playing } }: App, numFrames: number, shown: number): void {
+    const picture = element("frame", HTMLDivElement);
+    picture.ariaBusy = String(shown !== frame);
+    picture.dataset.shown = String(shown);
     this.errors.showFrame(followed.find(({ id }) => id === selected), frame);
     this.scrub.value = String(frame);
     this.scrub.ariaValueText = `frame ${frame} of 0 to ${numFrames - 1}`;
