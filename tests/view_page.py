@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from playwright.sync_api import Browser, Page, expect
 
 from decomo_runtime import Tracks
+from decomo_runtime.view.refit import Refits
 from decomo_runtime.view.server import HOST, make_server
 from decomo_runtime.view.site import read_inputs, write_site
 
@@ -23,12 +24,12 @@ expect.set_options(timeout=PATIENCE)
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
+def served(folder: Path, refits: Refits | None = None) -> Iterator[str]:
     """The address at which `folder` is served as `decomo-view` does."""
-    with make_server(folder) as server:
+    with make_server(folder, refits=refits) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
-        yield f"http://{HOST}:{server.server_address[1]}/"
+        yield f"http://{HOST}:{server.server_address[1]}/" + (f"#token={refits.token}" if refits else "")
         server.shutdown()
         thread.join(60)
 
@@ -73,6 +74,14 @@ class ViewPage:
         for across, down in corners[1:]:
             mouse.move(box["x"] + across, box["y"] + down, steps=4)
         mouse.up()
+
+    def move(self, begin: tuple[float, float], end: tuple[float, float], row: int = 0) -> None:
+        """Drags the point at `begin`, which is that of the row, to `end`."""
+        corrections = self.page.locator("#corrections li")
+        count = corrections.count()
+        self.drag(begin, end)
+        expect(corrections).to_have_count(count + 1)
+        expect(self.rows.nth(row)).to_have_attribute("aria-current", "true")
 
     def seek(self, frame: int) -> None:
         self.page.locator("#scrub").fill(str(frame))
@@ -154,14 +163,27 @@ class ViewPage:
 
 
 @contextmanager
-def opened(browser: Browser, folder: Path, model: Path, clip: Path | None = None, **options: Any) -> Iterator[ViewPage]:
-    """The page with that model, which must end without an error on its console; `options` are a browser context's."""
+def opened(
+    browser: Browser,
+    folder: Path,
+    model: Path,
+    clip: Path | None = None,
+    refitting: Callable[[Path], Refits] | None = None,
+    **options: Any,
+) -> Iterator[ViewPage]:
+    """The page with that model, which must end without an error on its console; `options` are a browser context's.
+
+    `refitting` makes the refits of the folder that is served.
+    """
     facts, frames = read_inputs(model, clip)
     folder.mkdir(parents=True, exist_ok=True)
-    write_site(folder, model, frames)
-    with served(folder) as address, browser.new_context(**options) as context:
+    write_site(folder, model, frames, refit=refitting is not None)
+    refits = refitting and refitting(folder)
+    with served(folder, refits) as address, browser.new_context(**options) as context:
         view = ViewPage(context.new_page(), facts.width, facts.height)
         view.page.goto(address)
         view.wait_until_open()
         yield view
         assert view.complaints == []
+    if refits is not None:
+        refits.cancel()

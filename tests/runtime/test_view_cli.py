@@ -31,6 +31,7 @@ def test_export_writes_page_model_and_clip(model_path: Path, clip_path: Path, tm
     record = json.loads((site / "site.json").read_text())
     clip = read_clip(clip_path)
     assert record["model"] == "model.onnx"
+    assert record["refit"] is False
     assert record["clip"]["name"] == clip.name
     pictures = [cv2.imread(str(site / name)) for name in record["clip"]["frames"]]
     assert len(pictures) == len(clip)

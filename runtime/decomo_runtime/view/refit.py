@@ -231,6 +231,8 @@ class _Said:
             *lines, rest = re.split(rb"[\r\n]+", rest + some)
             for line in lines:
                 self._hear(line)
+            if b"%|" in rest:  # a bar: its end comes with the next one
+                self._hear(rest)
         self._hear(rest)
 
     def _hear(self, line: bytes) -> None:

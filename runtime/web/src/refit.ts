@@ -5,7 +5,8 @@ import { InputError } from "./model/facts";
 const ADDRESS = "refit";
 const TOKEN_HEADER = "X-Decomo-Token";
 const TOKEN_KEY = "decomo-token";
-const MILLISECONDS = 500;
+/** Between two looks; longer where the server did not answer. */
+const MILLISECONDS = { usual: 500, lost: 2000 };
 
 /** What `decomo-view` says of the last refit. */
 export interface RefitState {
@@ -49,15 +50,16 @@ export class Refits {
     return this.ask("POST", `/${verdict}`, String(number));
   }
 
-  /** Tells every state that is another than before, for as long as the server answers; `InputError` when it does not. */
-  async watch(onState: (state: RefitState) => void): Promise<never> {
+  /** Tells every state that is another than before, and with `onLost` when the server does not answer or refuses to. */
+  async watch(onState: (state: RefitState) => void, onLost: (error: Error) => void): Promise<never> {
     let last = "";
     for (;;) {
-      const state = await this.ask("GET", "");
-      const text = JSON.stringify(state);
-      if (text !== last) onState(state);
+      const state = await this.ask("GET", "").catch((error: Error) => error);
+      const text = state instanceof Error ? state.message : JSON.stringify(state);
+      if (state instanceof Error) onLost(state);
+      else if (text !== last) onState(state);
       last = text;
-      await new Promise((done) => setTimeout(done, MILLISECONDS));
+      await new Promise((done) => setTimeout(done, state instanceof Error ? MILLISECONDS.lost : MILLISECONDS.usual));
     }
   }
 

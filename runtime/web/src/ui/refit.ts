@@ -33,12 +33,13 @@ export class RefitPanel {
     onClick("refit-take", () => refits.decide("take", this.state?.number ?? 0));
     onClick("refit-reject", () => refits.decide("reject", this.state?.number ?? 0));
     app.onContent = () => this.showContent();
-    refits.watch((state) => view.attempt(inTurn(state))).catch((error: Error) => {
+    const onLost = (error: Error): void => {
       this.state = undefined;
       this.showContent();
       element("refit-running", HTMLDivElement).hidden = true;
       element("refit-said", HTMLParagraphElement).textContent = error.message;
-    });
+    };
+    void refits.watch((state) => view.attempt(inTurn(state)), onLost);
   }
 
   private async show(state: RefitState): Promise<void> {

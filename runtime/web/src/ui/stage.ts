@@ -3,7 +3,8 @@
 import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
 
-const DRAG_PIXELS = 6;
+/** Pixels of the screen by which a press becomes a drag: of an area, and of a point. */
+const DRAG_PIXELS = { area: 6, point: 2 };
 const SELECT_PIXELS = 9;
 
 export interface StageEvents {
@@ -121,7 +122,8 @@ export class Stage {
   private isDrag(): boolean {
     const first = this.path[0];
     const scale = this.canvas.clientWidth / this.image.width;
-    return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > DRAG_PIXELS);
+    const least = this.held === undefined ? DRAG_PIXELS.area : DRAG_PIXELS.point;
+    return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > least);
   }
 
   private onCanvas({ x, y }: Place): Place {
@@ -146,7 +148,11 @@ export class Stage {
   }
 
   private onMove(event: PointerEvent): void {
-    if (this.path.length === 0) return;
+    if (this.path.length === 0) {
+      const over = !event.shiftKey && this.scene !== undefined && this.pointAt(this.place(event), this.scene) !== undefined;
+      this.canvas.style.cursor = over ? "grab" : "";
+      return;
+    }
     this.path.push(this.place(event));
     this.draw();
   }
@@ -188,7 +194,8 @@ export class Stage {
   private showCross(shown: boolean): void {
     const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
     this.cross = shown ? (this.cross ?? centre) : undefined;
-    if (!shown) this.corner = this.held = undefined;
+    if (!shown) this.corner = undefined;
+    if (!shown && this.path.length === 0) this.held = undefined; // a drag goes on: its first press moves the focus here
     this.draw();
   }
 
