@@ -408,8 +408,9 @@ export class App {
     return map && this.model && paintHeat(map, unit(this.model.facts));
   }
 
+  /** The clip's stands in for a layer of which nothing is rendered yet. */
   private pictureHad(layer: Layer, frame: number): CanvasImageSource | undefined {
-    return layer === "clip" ? this.clip?.peek(frame) : this.canvasOf(this.renderer?.peek(frame), layer);
+    return (layer === "clip" ? undefined : this.canvasOf(this.renderer?.peek(frame), layer)) ?? this.clip?.peek(frame);
   }
 
   private canvasOf(raster: Raster | undefined, layer: Rendered): OffscreenCanvas | undefined {
