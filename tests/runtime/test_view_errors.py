@@ -93,6 +93,8 @@ def test_tracks_are_coloured_by_what_the_runtime_says(view: ViewPage, model: Pat
             f"frame {frame}: {float(f'{told.error[0, frame]:.2g}'):g} px"
         )
     assert np.abs(shown[1] - shown[4]).max() > 40
+    view.seek(5)
+    expect(view.page.locator("#error-said")).to_contain_text("frame 5: hidden; if it is in sight,")
     assert "rgb(44, 123, 182)" in view.rows.nth(0).locator(".strip").evaluate("each => each.style.backgroundImage")
     view.page.locator("#error-colours").uncheck()
     view.seek(0)

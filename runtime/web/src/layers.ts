@@ -14,7 +14,7 @@ export type Layer = (typeof LAYERS)[number];
 const SIDES = [48, 128, 384] as const;
 const AHEAD_LEVEL = 1;
 /** What the rasters of all frames may take, were they all of the finest. */
-const ROOM_BYTES = 128 * 2 ** 20;
+const ROOM_BYTES = 64 * 2 ** 20;
 /** Rasters that were given up on the way and are kept to go on with. */
 const MOST_BEGUN = 12;
 const RAYS = { first: 512, least: 128, most: 16384 };

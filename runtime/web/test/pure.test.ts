@@ -133,11 +133,11 @@ describe("the renderer of layers", () => {
     expect(Reflect.get(made, "begun").size).toBe(12);
   });
 
-  it("has room for no more than an eighth of a gigabyte", () => {
+  it("has room for no more than 64 MiB", () => {
     for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
       const finest = rasterSize({ width, height }, 2);
       const bytes = 5 * 4 * finest.width * finest.height;
-      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 27 / bytes));
+      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 26 / bytes));
     }
   });
 

@@ -45,6 +45,7 @@ export class ErrorPanel {
 
   showFrame(point: App["followed"][number] | undefined, frame: number): void {
     const error = point?.track.error[frame];
-    this.said.value = point === undefined || error === undefined ? "" : `${point.name}, frame ${frame}: ${inPixels(error)} px`;
+    const hidden = point?.track.occluded[frame] === true ? "hidden; if it is in sight, " : "";
+    this.said.value = point === undefined || error === undefined ? "" : `${point.name}, frame ${frame}: ${hidden}${inPixels(error)} px`;
   }
 }
