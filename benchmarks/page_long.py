@@ -18,7 +18,7 @@ from decomotion.images import jpeg
 from decomotion.windows import FILE_NAME, Window, Windows
 
 PATIENCE = 600_000
-SECONDS = 20
+SECONDS = 10
 POINTS = 6
 SHARED, LONGEST = 12, 60
 """Frames that windows share, and that they have."""

@@ -4,7 +4,7 @@ import { checkDepth } from "./depth";
 import { InputError, type ModelFacts } from "./model/facts";
 import { frameOrder } from "./order";
 
-const CACHE_BYTES = 160 * 2 ** 20;
+const CACHE_BYTES = 128 * 2 ** 20;
 const LEAST_ROOM = 4;
 const AHEAD = 6;
 const AT_ONCE = 3;
