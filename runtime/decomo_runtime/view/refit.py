@@ -183,6 +183,7 @@ class Refits:
     def _work(self, command: Sequence[str | Path], name: str, number: int) -> None:
         """Runs a command to its end and tells its progress; `ViewError` with its last line where it fails."""
         said = _Said(lambda line, share: self._say(State(number, "running", share, line)))
+        self._say(State(number, "running", said=f"Starting {name} …"))
         if self._cancelled.is_set():
             raise _CancelledError
         process = subprocess.Popen(
