@@ -66,7 +66,7 @@ def view(shared_view: ViewPage) -> Iterator[ViewPage]:
     return shared_view
 
 
-def expect_colour(view: ViewPage, x: float, y: float, colour: npt.ArrayLike) -> None:
+def expect_colour(view: ViewPage, x: float, y: float, colour: npt.NDArray[np.float64]) -> None:
     """What the stage shows at a place, 0 to 255, once what is made in the background is there."""
     for _ in range(100):
         if np.abs(view.colour_at(x, y) * 255 - colour).max() <= 4:
@@ -99,7 +99,7 @@ def test_tracks_are_coloured_by_what_the_runtime_says(view: ViewPage, model: Pat
     view.page.locator("#error-colours").uncheck()
     view.seek(0)
     own = view.rows.nth(0).locator("input[type=color]").input_value()
-    expect_colour(view, 200, 150, [int(own[at : at + 2], 16) for at in (1, 3, 5)])
+    expect_colour(view, 200, 150, np.array([int(own[at : at + 2], 16) for at in (1, 3, 5)], np.float64))
 
 
 def test_legend_is_in_pixels_of_the_clip(view: ViewPage):
@@ -118,7 +118,7 @@ def test_a_map_over_the_picture_is_of_the_frames_near_by(frame: int, gaps: tuple
     for x, y in ((20, 20), (490, 300), (250, 160)):
         expect_colour(view, x, y, (1 - HEAT_INK) * GREY + HEAT_INK * colour_of(float(error)))
     view.page.locator("#error-heat").uncheck()
-    expect_colour(view, 250, 160, np.full(3, GREY))
+    expect_colour(view, 250, 160, np.full(3, float(GREY)))
 
 
 def test_keys_and_buttons_jump_to_the_least_sure_moments(view: ViewPage):

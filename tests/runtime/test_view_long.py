@@ -41,8 +41,8 @@ def write_frames(folder: Path, values: npt.NDArray[np.integer]) -> list[Path]:
 
 
 def write_model(folder: Path, num_frames: int, **metadata: str) -> Path:
-    size = {"num_frames": num_frames, "height": HEIGHT, "width": WIDTH}
-    return write_tiny_model(folder / "slide.onnx", **size, clip_name="slide", metadata=metadata)
+    path = folder / "slide.onnx"
+    return write_tiny_model(path, num_frames=num_frames, height=HEIGHT, width=WIDTH, metadata=metadata)
 
 
 def grey_shown(view: ViewPage) -> float:
