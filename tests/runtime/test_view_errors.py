@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,7 +55,7 @@ def shared_view(chromium: Browser, model: Path, tmp_path_factory: pytest.TempPat
 
 
 @pytest.fixture
-def view(shared_view: ViewPage) -> Iterator[ViewPage]:
+def view(shared_view: ViewPage) -> ViewPage:
     """The page with the clip, without points, at frame 0."""
     shared_view.clear()
     shared_view.page.locator("#error-colours").uncheck()
