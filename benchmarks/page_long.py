@@ -102,8 +102,8 @@ def measure(page: Page) -> None:
     assert box is not None
     for number in range(POINTS):
         page.locator("#scrub").fill(str(number * int(page.locator("#scrub").get_attribute("max") or 0) // POINTS))
-        place = {"x": box["width"] * (number + 1) / (POINTS + 1), "y": box["height"] / 3}
-        stage.click(position=place, modifiers=["Shift"])
+        across = box["width"] * (number + 1) / (POINTS + 1)
+        stage.click(position={"x": across, "y": box["height"] / 3}, modifiers=["Shift"])
         expect(rows).to_have_count(number + 1, timeout=PATIENCE)
         expect(page.locator("[data-save='tracks.npz']")).to_be_enabled(timeout=PATIENCE)
     tell(page, f"{POINTS} points followed through all windows")
