@@ -2,10 +2,12 @@
 
     python benchmarks/page.py goat.onnx goat.mp4
     python benchmarks/page.py goat.onnx --windows 30 --clicks 2
+    python benchmarks/page.py goat.onnx --long 300 --size 1920x1080
 
 Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
 as many while the model also renders its layers; prints milliseconds from a click to its point on the list and to its
-whole track. With `--windows`, the file is taken for each of so many windows of a long clip.
+whole track. With `--windows`, the file is taken for each of so many windows of a long clip. With `--long`, it is taken
+for each window of a made clip of so many frames, which is scrubbed, played and rendered (`page_long.py`).
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import click
 import numpy as np
 from playwright.sync_api import Page, expect, sync_playwright
 
+import page_long
 from decomo_runtime import Tracker, Tracks, ViewError
 from decomo_runtime.view.server import make_server
 from decomo_runtime.view.site import read_inputs, write_site
@@ -37,7 +40,9 @@ FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-backgroun
 @click.argument("clip", type=click.Path(path_type=Path), required=False)
 @click.option("--windows", metavar="N", type=click.IntRange(min=1), default=1)
 @click.option("--clicks", metavar="N", type=click.IntRange(min=1), default=30)
-def main(model: Path, clip: Path | None, windows: int, clicks: int) -> None:
+@click.option("--long", "length", metavar="FRAMES", type=click.IntRange(min=20))
+@click.option("--size", metavar="WxH", default="1920x1080", help="Of the long clip.")
+def main(model: Path, clip: Path | None, windows: int, clicks: int, length: int | None, size: str) -> None:
     """Measures the page with MODEL and CLIP."""
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -48,7 +53,10 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int) -> None:
         make_server(Path(folder)) as server,
         sync_playwright() as driver,
     ):
-        if windows > 1:
+        if length is not None:
+            width, height = map(int, size.split("x"))
+            model, clip = page_long.write_long(Path(several), model, length, width, height)
+        elif windows > 1:
             write_windows(Path(several), model, windows)
             model = Path(several)
         _, frames = read_inputs(model, clip)
@@ -59,6 +67,9 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int) -> None:
         page.goto(f"http://127.0.0.1:{server.server_address[1]}/")
         expect(page.locator("#loading")).to_be_hidden(timeout=PATIENCE)
         click.echo(f"{page.locator('#facts').text_content()}; Chromium {browser.version}")
+        if length is not None:
+            page_long.measure(page)
+            return
         click.echo(f"a click: {click_times(page, clicks)}")
         page.keyboard.press("2")
         click.echo(f"while layers are rendered: {click_times(page, clicks)}")

@@ -3,7 +3,8 @@
 import { BufferTarget, CanvasSource, Mp4OutputFormat, Output, QUALITY_HIGH, WebMOutputFormat, getFirstEncodableVideoCodec } from "mediabunny";
 import { type Scene, drawScene } from "./draw";
 import type { Size } from "./geometry";
-import { InputError } from "./model/facts";
+import { InputError, type ModelFacts } from "./model/facts";
+import { duration, isEven } from "./times";
 
 const LONG_SIDE = 720;
 
@@ -15,16 +16,14 @@ export function videoSize({ width, height }: Size): Size {
 
 /** Encodes the scenes of all frames; mp4 where the browser can, else webm. */
 export async function saveVideo(
-  image: Size,
-  fps: number,
-  numFrames: number,
+  facts: ModelFacts,
   sceneOf: (frame: number) => Promise<Scene>,
   onProgress: (frame: number) => void,
 ): Promise<{ content: ArrayBuffer; suffix: "mp4" | "webm"; type: string }> {
   if (!("VideoEncoder" in window)) {
     throw new InputError("This browser cannot encode video (it has no WebCodecs); use 'decomo-track --overlay' instead.");
   }
-  const size = videoSize(image);
+  const size = videoSize(facts);
   for (const [suffix, format, codecs] of [
     ["mp4", new Mp4OutputFormat({ fastStart: "in-memory" }), ["avc"]],
     ["webm", new WebMOutputFormat(), ["vp9", "vp8"]],
@@ -37,11 +36,11 @@ export async function saveVideo(
     const target = new BufferTarget();
     const output = new Output({ format, target });
     const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH });
-    output.addVideoTrack(source, { frameRate: fps });
+    output.addVideoTrack(source, isEven(facts) ? { frameRate: facts.fps } : {}); // to which times would be moved
     await output.start();
-    for (let frame = 0; frame < numFrames; frame++) {
+    for (let frame = 0; frame < facts.numFrames; frame++) {
       drawScene(context, await sceneOf(frame));
-      await source.add(frame / fps, 1 / fps);
+      await source.add(facts.times[frame] ?? 0, duration(facts, frame));
       onProgress(frame);
     }
     await output.finalize();

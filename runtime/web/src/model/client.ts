@@ -104,6 +104,15 @@ export class Model {
     return follow(models, this.returnings, queries, onPart);
   }
 
+  /** Follows `queries` [N, 3], all of one frame, to those of `asked` that lie in that frame's window. */
+  async glance(queries: Float32Array, asked: readonly number[]): Promise<Tracked & { readonly frames: readonly number[] }> {
+    const number = home(this.windows, queries[0] ?? 0);
+    const { begin, end } = this.windows[number] ?? { begin: 0, end: 0 };
+    const near = asked.filter((frame) => frame >= begin && frame < end);
+    const answer = await this.ask(number, counted(queries, begin), near.map((frame) => frame - begin));
+    return { ...answer, frames: near };
+  }
+
   /**
    * What the model sees along the rays of `queries` [N, 3], all of one frame; by WebAssembly again once WebGPU fails, as
    * after a sleep.
@@ -112,7 +121,7 @@ export class Model {
     const renderer = this.renderer;
     const number = home(this.windows, queries[0] ?? 0);
     const begin = this.windows[number]?.begin ?? 0;
-    const args = { queries: queries.map((value, index) => (index % 3 === 0 ? value - begin : value)) };
+    const args = { queries: counted(queries, begin) };
     try {
       return await renderer.ask("render", number, args);
     } catch (error) {
@@ -178,6 +187,9 @@ export class Model {
     return owned;
   }
 }
+
+/** Queries [N, 3] whose frames count from `begin`. */
+const counted = (queries: Float32Array, begin: number): Float32Array => queries.map((value, index) => (index % 3 === 0 ? value - begin : value));
 
 /** `InputError` where the model `file` has not the length and size that `path` says. */
 function checkWindow(file: string, facts: ModelFacts, said: Pick<ModelFacts, "numFrames" | "height" | "width">, path: string): void {

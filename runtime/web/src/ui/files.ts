@@ -121,7 +121,7 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
     try {
       const { saveVideo } = await import("../video"); // large, and seldom wanted
       const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
-      const video = await saveVideo(facts, facts.fps, facts.numFrames, scenes, onProgress);
+      const video = await saveVideo(facts, scenes, onProgress);
       download(`${facts.clipName}-points.${video.suffix}`, video.content, video.type);
       view.status(`Saved ${facts.clipName}-points.${video.suffix}.`);
     } finally {
