@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,6 +38,37 @@ def child(command: Sequence[str | Path], environment: Mapping[str, str] | None =
         watch.cancel()
         process.kill()
         process.wait(SECONDS)
+
+
+def run_with_all(
+    command: Sequence[str | Path], folder: Path, environment: Mapping[str, str], seconds: float
+) -> tuple[int, str]:
+    """How a command ended, and what it printed, both streams in one. After `seconds` it is killed with all it started.
+
+    Raises `subprocess.TimeoutExpired` then.
+    """
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        start_new_session=True,
+    ) as process:
+        try:
+            printed, _ = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    return process.returncode, printed
+
+
+def sleeper(seconds: float) -> subprocess.Popen:
+    """A process that does nothing, and ends by itself."""
+    command = [sys.executable, "-c", f"import time; time.sleep({seconds})"]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
 
 
 def _default_signals() -> None:

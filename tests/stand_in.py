@@ -13,12 +13,13 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import click
+
+from children import sleeper
 
 SECONDS = 60
 """After which a fit that nobody lets go on ends."""
@@ -46,16 +47,16 @@ def train(control: Path, clip: Path, run: Path, corrections: Path, time_budget: 
     (out / "half").touch()
     with (control / "begun").open("a") as begun:
         print(clip, run, time_budget, file=begun)
-    sleeper = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({SECONDS})"], stdin=subprocess.DEVNULL)
-    (control / "child").write_text(str(sleeper.pid))
+    child = sleeper(SECONDS)
+    (control / "child").write_text(str(child.pid))
     for percent in (0, 42):
         sys.stderr.write(f"\rfit {percent:3d}%|████      | step {percent}  3.0/s  0.5 min left")
         sys.stderr.flush()
     end = time.monotonic() + SECONDS
     while not (control / "go").exists() and time.monotonic() < end:
         time.sleep(0.02)
-    sleeper.kill()
-    sleeper.wait()
+    child.kill()
+    child.wait(SECONDS)
     if failure := (control / "go").read_text():
         raise SystemExit(f"\nError: {failure}")
     rows = list(csv.DictReader(corrections.read_text().splitlines()))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from children import run_with_all
 from docs_pages import ROOT, SOURCES, Block, blocks, missing, unknown_options, write_commands
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
@@ -40,22 +40,8 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 def run(block: Block, environment: dict[str, str], folder: Path, seconds: float = SECONDS) -> str:
     """What the block prints, both streams in one."""
     start = [sys.executable, "-c"] if block.language == "python" else ["bash", "-euo", "pipefail", "-c"]
-    with subprocess.Popen(
-        [*start, block.text],
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        encoding="utf-8",
-        start_new_session=True,
-    ) as process:
-        try:
-            printed, _ = process.communicate(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)  # with all that it has started
-            raise
-    assert process.returncode == 0, f"the block of line {block.line} ends with {process.returncode}:\n{printed[-4000:]}"
+    code, printed = run_with_all([*start, block.text], folder, environment, seconds)
+    assert code == 0, f"the block of line {block.line} ends with {code}:\n{printed[-4000:]}"
     return printed
 
 
