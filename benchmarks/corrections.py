@@ -172,7 +172,7 @@ def measure(shared: Path, runs: Path, name: str, steps: int, work: Path, out: Pa
             taken = {"stages": {"train": measured(toolkit(*line, "--out", new, "--steps", steps))}}
         model = checkpoint.load(new / checkpoint.FILE_NAME).model
         figures = compared(saved.model, model, truth, others, worst, given)
-        about = {"clip": name, "given": count, "steps": steps, "tracks": worst.tolist(), **provenance()}
+        about = {"clip": name, "frames_given": count, "steps": steps, "tracks": worst.tolist(), **provenance()}
         write_record(record, about | taken | figures)
         click.echo(f"{record}: {figures}")
 
@@ -185,7 +185,7 @@ def table(out: Path) -> list[str]:
     for file in sorted(out.glob("*.json")):
         record = json.loads(file.read_text())
         names = ("given", "elsewhere_mean", "elsewhere_median", "neighbours", "joints", "first32")
-        cells = [record["clip"], str(record["given"])]
+        cells = [record["clip"], str(record["frames_given"])]
         cells += ["{:.1f} → {:.1f}".format(*record[name]) for name in names]
         cells += [f"{record['moved'][name]:.2f}" for name in ("first32", "near", "far")]
         lines.append("| " + " | ".join(cells) + " |")

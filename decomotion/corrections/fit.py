@@ -148,7 +148,6 @@ def _correct_one(
     tracks = trusted_tracks(model, points)
     before = _apart(model, points)
     prepared = prepare_in_stages(clip, config.data, seed=seed, progress=progress, device=str(device))
-    _keep_what_moves_whole_frames(model)
     links = lesson_pool(model, prepared, clip.frames, tracks, generator(seed, "corrections"))
     contradicts = partial(_contradicts, tracks.bent, model.plane.unit)
     steps = saved.training["step"] if saved.quality is None else saved.quality.steps
@@ -169,13 +168,6 @@ def _correct_one(
     run.loop(begin, progress, stopping)
     record.finish(folder)
     log.info("%s", _told(points, before, _apart(model, points)))
-
-
-def _keep_what_moves_whole_frames(model: DecoMotion) -> None:
-    """Leaves affine maps and frame codes as they are where there are layers that move places alone."""
-    if any(".couplings." in name for name, _ in model.named_parameters()):
-        for name, parameter in model.named_parameters():
-            parameter.requires_grad_(".affine." not in name and not name.startswith("frame_code."))
 
 
 def short(config: Config) -> Config:
