@@ -32,7 +32,7 @@ def test_readme_has_one_headline_with_its_command_machine_and_date():
     paragraph = README.split("<!-- the headline", 1)[1].split("-->", 1)[1].strip().split("\n\n")[0]
     assert len(re.findall(r"\*\*[\d.]+\*\*", README)) == len(re.findall(r"\*\*[\d.]+\*\*", paragraph)) == 1
     assert "benchmarks/" in paragraph
-    assert re.search(r"\bon an? [A-Z]", paragraph)
+    assert re.search(r"\bon\s+an?\s+[A-Z]", paragraph)
     assert re.search(r"\b20\d\d-\d\d-\d\d\b", paragraph)
     figure = re.search(r"\*\*([\d.]+)\*\*", paragraph)
     assert figure is not None
