@@ -38,7 +38,7 @@ def corrections_of(keypoints: Keypoints) -> list[tuple[object, ...]]:
     It is in sight where its score is `SURE` or more, and hidden where it has a place and the score 0. A frame in which
     it has neither says nothing.
     """
-    placed = np.isfinite(keypoints.xy).all(axis=-1)
+    placed = np.asarray(np.isfinite(keypoints.xy).all(axis=-1))
     lines: list[tuple[object, ...]] = []
     for name, xy, score, there in zip(keypoints.names, keypoints.xy, keypoints.score, placed, strict=True):
         seen, hidden = there & (score >= SURE), there & (score == 0)
