@@ -8,8 +8,10 @@ import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from ".
 import { type Files, Model } from "./model/client";
 import { InputError } from "./model/facts";
 import type { Tracked } from "./model/protocol";
+import { Sketch } from "./sketch";
 import { Answers, type Followed, splitTracks } from "./tracks";
 import { CorrectionRows } from "./ui/corrections";
+import { DrawingRows } from "./ui/drawings";
 import { PointRows } from "./ui/list";
 import { Player } from "./ui/player";
 import type { View } from "./ui/view";
@@ -35,6 +37,12 @@ export class App {
   /** The points of the document, with the tracks that the open model gives them. */
   followed: readonly Followed[] = [];
   readonly player: Player;
+  /** What is drawn over the picture. */
+  readonly sketch = new Sketch(
+    this.document,
+    (frame) => (frame === undefined ? this.show() : this.onPicture(frame)),
+    (error) => this.view.alert(error),
+  );
   selected: number | undefined;
   layer: Layer = "fused";
   split: Layer | undefined;
@@ -53,6 +61,7 @@ export class App {
   private renderer: LayerRenderer | undefined;
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
+  private readonly drawingRows: DrawingRows;
   private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
@@ -67,6 +76,7 @@ export class App {
     const events = { onSelect: (id: number) => this.select(id), onSeek: (frame: number) => this.player.seek(frame) };
     this.rows = new PointRows(view.list, this.document, events);
     this.correctionRows = new CorrectionRows(view.corrections, this.document, events);
+    this.drawingRows = new DrawingRows(view.drawings, this.document, this.sketch, (frame) => this.player.seek(frame));
   }
 
   /**
@@ -150,6 +160,7 @@ export class App {
       (frame) => this.onPicture(frame),
       (error) => this.view.alert(error),
     );
+    this.sketch.use(model);
     void model.tryWebgpu().then(() => {
       if (model === this.model) this.view.facts(model, this.clip !== undefined);
     });
@@ -304,12 +315,16 @@ export class App {
   /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
   finishedScenes(): (frame: number) => Promise<Scene> {
     const { layer, split, clip, renderer } = this;
+    const drawings = this.sketch.finished();
     const now = { ...this.scene(0, () => undefined), selected: undefined };
     const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
       if (of === undefined) return undefined;
       return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
     };
-    return async (frame) => ({ ...now, frame, left: await picture(layer, frame), right: await picture(split, frame) });
+    return async (frame) => {
+      const [left, right] = [await picture(layer, frame), await picture(split, frame)];
+      return { ...now, frame, left, right, drawings: await drawings(frame) };
+    };
   }
 
   available(layer: Layer): boolean {
@@ -352,6 +367,7 @@ export class App {
       left: picture(this.layer),
       right: this.split && picture(this.split),
       split: this.splitAt,
+      drawings: this.sketch.shown(frame),
       ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
@@ -375,7 +391,8 @@ export class App {
 
   /** True where playing need not wait for a frame. */
   private isReady(frame: number): boolean {
-    return [this.layer, this.split].every((layer) => layer === undefined || this.picture(layer, frame) !== undefined);
+    const pictures = [this.layer, this.split].every((layer) => layer === undefined || this.picture(layer, frame) !== undefined);
+    return pictures && this.sketch.isReady(frame);
   }
 
   private onPicture(frame: number): void {
@@ -416,6 +433,7 @@ export class App {
     if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
     this.followed = this.answers.follow(this.document.content);
     this.rows.update(this.followed, this.selected);
+    this.drawingRows.update();
     this.correctionRows.update();
     this.view.content(this, this.unfinished > 0);
     this.onContent();

@@ -105,6 +105,28 @@ export class Model {
   }
 
   /**
+   * Where `queries` [N, 3], all of one frame, are in the frames `targets` [M] of the clip; in another window than the
+   * queries' own as `track` follows them there, which takes long.
+   */
+  async carry(queries: Float32Array, targets: readonly number[]): Promise<Tracked> {
+    const frame = queries[0] ?? 0;
+    const holds = ({ begin, end }: Window): boolean => [frame, ...targets].every((each) => begin <= each && each < end);
+    const own = home(this.windows, frame);
+    const number = this.windows.map((_, index) => index).sort((a, b) => Math.abs(a - own) - Math.abs(b - own)).find((each) => this.windows.slice(each, each + 1).some(holds));
+    if (number !== undefined) {
+      const begin = this.windows[number]?.begin ?? 0;
+      return this.ask(number, counted(queries, begin), targets.map((target) => target - begin));
+    }
+    const { tracks, occlusion } = await this.track(queries);
+    const rows = Array.from({ length: queries.length / 3 }, (_, row) => row);
+    const at = rows.flatMap((row) => targets.map((target) => row * this.facts.numFrames + target));
+    return {
+      tracks: Float32Array.from(at.flatMap((index) => [tracks[2 * index] ?? 0, tracks[2 * index + 1] ?? 0])),
+      occlusion: Float32Array.from(at, (index) => occlusion[index] ?? 1),
+    };
+  }
+
+  /**
    * What the model sees along the rays of `queries` [N, 3], all of one frame; by WebAssembly again once WebGPU fails, as
    * after a sleep.
    */
@@ -112,7 +134,7 @@ export class Model {
     const renderer = this.renderer;
     const number = home(this.windows, queries[0] ?? 0);
     const begin = this.windows[number]?.begin ?? 0;
-    const args = { queries: queries.map((value, index) => (index % 3 === 0 ? value - begin : value)) };
+    const args = { queries: counted(queries, begin) };
     try {
       return await renderer.ask("render", number, args);
     } catch (error) {
@@ -178,6 +200,9 @@ export class Model {
     return owned;
   }
 }
+
+/** Queries that count frames from `begin` on. */
+const counted = (queries: Float32Array, begin: number): Float32Array => queries.map((value, index) => (index % 3 === 0 ? value - begin : value));
 
 /** `InputError` where the model `file` has not the length and size that `path` says. */
 function checkWindow(file: string, facts: ModelFacts, said: Pick<ModelFacts, "numFrames" | "height" | "width">, path: string): void {

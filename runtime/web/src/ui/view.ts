@@ -8,14 +8,26 @@ import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
 import { summary, warning } from "../model/quality";
 import { element, make } from "./dom";
+import { Pen } from "./pen";
 import { Stage } from "./stage";
+import { Tools } from "./tools";
 
 const NO_SPLIT = "nothing";
 
 export class View {
   readonly list = element("points", HTMLOListElement);
   readonly corrections = element("corrections", HTMLOListElement);
+  readonly drawings = element("drawings", HTMLOListElement);
+  readonly pen = new Pen({
+    onBegin: (tool, t) => {
+      this.app?.player.step(0);
+      this.app?.sketch.begin(tool, t);
+    },
+    onDraft: (mark) => this.app?.sketch.sketch(mark),
+    onMark: (mark) => this.app?.sketch.mark(mark),
+  });
   readonly stage: Stage;
+  private readonly tools = new Tools(this.pen, this);
   private app: App | undefined;
   private readonly scrub = element("scrub", HTMLInputElement);
   private readonly splitSelect = element("split", HTMLSelectElement);
@@ -30,7 +42,14 @@ export class View {
       onArea: (polygon, t) => this.attempt(this.app?.addArea(polygon, t, Math.max(1, this.spacing.valueAsNumber || 16))),
       onHold: (id) => this.app?.hold(id),
       onCorrect: (id, place, t) => this.attempt(this.app?.correct(id, place, t)),
-    });
+      onPress: (place, pressure, t) => {
+        try {
+          this.pen.press(place, pressure, t);
+        } catch (error) {
+          this.alert(error);
+        }
+      },
+    }, this.pen);
     for (const layer of LAYERS) {
       const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
       this.layerButtons.set(layer, button);
@@ -43,6 +62,7 @@ export class View {
   /** Wires the controls to what they control. */
   connect(app: App): void {
     this.app = app;
+    this.tools.connect(app);
     for (const [layer, button] of this.layerButtons) button.addEventListener("change", () => app.showLayer(layer));
     this.splitSelect.addEventListener("change", () => {
       app.split = LAYERS.find((layer) => layer === this.splitSelect.value);
@@ -107,6 +127,7 @@ export class View {
     const { numFrames, width, height } = model.facts;
     this.facts(model, hasClip);
     this.stage.setImage(model.facts);
+    this.tools.setImage(model.facts);
     this.scrub.max = String(numFrames - 1);
     this.trails.max = String(numFrames - 1);
     if (this.app === undefined) return;
@@ -138,14 +159,16 @@ export class View {
   }
 
   /** `unfinished`: some are still being followed, and none can be saved. */
-  content({ document: { points, corrections, canUndo, canRedo }, selected }: App, unfinished = false): void {
+  content({ document: { points, corrections, drawings, canUndo, canRedo }, selected }: App, unfinished = false): void {
     const count = points.length;
     element("count", HTMLSpanElement).textContent = String(count);
     element("no-points", HTMLParagraphElement).hidden = count > 0;
     element("undo", HTMLButtonElement).disabled = !canUndo;
     element("redo", HTMLButtonElement).disabled = !canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
-    element("save", HTMLFieldSetElement).disabled = count === 0 || unfinished;
+    this.tools.content(drawings);
+    element("save", HTMLFieldSetElement).disabled = (count === 0 && drawings.length === 0) || unfinished;
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=points]")) button.disabled = count === 0;
     element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
     element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
     for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;
