@@ -12,29 +12,32 @@ export function videoSize({ width, height }: Size): Size {
   return { width: 2 * Math.ceil((width * factor) / 2), height: 2 * Math.ceil((height * factor) / 2) };
 }
 
-type Draw = (context: OffscreenCanvasRenderingContext2D, frame: number) => Promise<void>;
+export interface Saved {
+  readonly content: ArrayBuffer;
+  readonly suffix: "mp4" | "webm";
+  readonly type: string;
+}
+
+/** Draws one frame. */
+export type Draw = (context: OffscreenCanvasRenderingContext2D, frame: number) => Promise<void>;
 
 const FORMATS = [
   ["mp4", () => new Mp4OutputFormat({ fastStart: "in-memory" }), ["avc"]],
   ["webm", () => new WebMOutputFormat(), ["vp9", "vp8"]],
 ] as const;
 
-/** Encodes what is drawn of all frames; mp4 where the browser can, else webm, which alone has `alpha`. */
+/** Encodes what is drawn of all frames; mp4 where the browser can, else webm. */
 export async function encodeVideo(
   image: Size,
   { fps, numFrames }: { readonly fps: number; readonly numFrames: number },
   draw: Draw,
-  alpha: boolean,
   onProgress: (frame: number) => void,
-): Promise<{ content: ArrayBuffer; suffix: "mp4" | "webm"; type: string }> {
-  const instead = alpha ? "save the drawings as frames, or use 'decomo-render --edit --alone' instead" : "use 'decomo-track --overlay' instead";
+): Promise<Saved> {
   if (!("VideoEncoder" in window)) {
-    throw new InputError(`This browser cannot encode video (it has no WebCodecs); ${instead}.`);
+    throw new InputError("This browser cannot encode video (it has no WebCodecs); use 'decomo-track --overlay' instead.");
   }
   const size = videoSize(image);
-  const keeping = { alpha: alpha ? "keep" : "discard" } as const;
   for (const [suffix, format, codecs] of FORMATS) {
-    if (alpha && suffix === "mp4") continue;
     const codec = await getFirstEncodableVideoCodec([...codecs], size);
     if (codec === null) continue;
     const canvas = new OffscreenCanvas(size.width, size.height);
@@ -42,11 +45,10 @@ export async function encodeVideo(
     if (context === null) break;
     const target = new BufferTarget();
     const output = new Output({ format: format(), target });
-    const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH, ...keeping });
+    const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH });
     output.addVideoTrack(source, { frameRate: fps });
     await output.start();
     for (let frame = 0; frame < numFrames; frame++) {
-      context.clearRect(0, 0, size.width, size.height);
       await draw(context, frame);
       await source.add(frame / fps, 1 / fps);
       onProgress(frame);
@@ -55,5 +57,5 @@ export async function encodeVideo(
     if (target.buffer === null) break;
     return { content: target.buffer, suffix, type: `video/${suffix}` };
   }
-  throw new InputError(`This browser has no encoder for ${alpha ? "VP9 or VP8" : "H.264, VP9 or VP8"}; ${instead}.`);
+  throw new InputError("This browser has no encoder for H.264, VP9 or VP8; use 'decomo-track --overlay' instead.");
 }

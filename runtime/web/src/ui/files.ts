@@ -8,6 +8,7 @@ import { drawScene } from "../draw";
 import type { Files } from "../model/client";
 import { InputError } from "../model/facts";
 import { WINDOWS_FILE } from "../model/windows";
+import type { Draw, encodeVideo } from "../video";
 import { download, element } from "./dom";
 import type { View } from "./view";
 
@@ -128,14 +129,14 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
     });
   } else if (kind === "drawings") {
     const finished = app.sketch.finished(drawings.filter((each) => each.kind === "paint"));
-    await busy(() =>
-      saveVideo(kind, true, async (context, frame) => {
+    await busy(async () =>
+      saveVideo(kind, (await import("../alpha_video")).encodeAlphaVideo, async (context, frame) => {
         context.drawImage(over(facts, await finished(frame)), 0, 0, context.canvas.width, context.canvas.height);
       }),
     );
   } else {
     const scenes = app.finishedScenes();
-    await busy(() => saveVideo("points", false, async (context, frame) => drawScene(context, await scenes(frame))));
+    await busy(async () => saveVideo("points", (await import("../video")).encodeVideo, async (context, frame) => drawScene(context, await scenes(frame))));
   }
 
   /** The button waits until it is done. */
@@ -148,11 +149,11 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
     }
   }
 
-  async function saveVideo(what: string, alpha: boolean, draw: (context: OffscreenCanvasRenderingContext2D, frame: number) => Promise<void>): Promise<void> {
+  /** The encoders come from modules that are large, and seldom wanted. */
+  async function saveVideo(what: string, encode: typeof encodeVideo, draw: Draw): Promise<void> {
     if (facts === undefined) return;
-    const { encodeVideo } = await import("../video"); // large, and seldom wanted
     const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
-    const video = await encodeVideo(facts, facts, draw, alpha, onProgress);
+    const video = await encode(facts, facts, draw, onProgress);
     download(`${facts.clipName}-${what}.${video.suffix}`, video.content, video.type);
     view.status(`Saved ${facts.clipName}-${what}.${video.suffix}.`);
   }
