@@ -125,6 +125,14 @@ class ViewPage:
             float((down.min() + down.max() + 1) / 2 * self.size[1] / height - 0.5),
         )
 
+    def expect_drawn(self, place: tuple[float, float], row: int = 0) -> None:
+        """Waits until the point in that row is drawn there, within half a pixel of the clip."""
+        for _ in range(PATIENCE // 100):
+            if np.abs(np.subtract(self.where_drawn(row), place)).max() <= 0.5:
+                return
+            self.page.wait_for_timeout(100)
+        np.testing.assert_allclose(self.where_drawn(row), place, atol=0.5)
+
     def colour_at(self, x: float, y: float) -> npt.NDArray[np.float64]:
         """RGB in [0, 1] of what the stage shows at a place."""
         pixels = self.pixels()

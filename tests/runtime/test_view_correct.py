@@ -78,7 +78,7 @@ def test_a_dragged_point_bends_its_track(view: ViewPage, tmp_path: Path):
     view.click(40, 8)
     view.seek(5)
     view.move(answer(12, 20, 4), (20, 25))
-    np.testing.assert_allclose(view.where_drawn(), (20, 25), atol=0.5)
+    view.expect_drawn((20, 25))
     (row,) = corrections(view, tmp_path)
     np.testing.assert_allclose(row, (1, 12, 20, 5, 20, 25), atol=0.1)
     tracks = view.tracks(tmp_path)
@@ -99,16 +99,16 @@ def test_each_correction_is_undone_and_the_last_one_of_a_frame_counts(view: View
     view.seek(2)
     view.move(answer(12, 20, 2), (30, 30))
     view.drag((30, 30), (35, 10))
-    np.testing.assert_allclose(view.where_drawn(), (35, 10), atol=0.5)
+    view.expect_drawn((35, 10))
     expect(view.page.locator("#correction-count")).to_have_text("1")
     for place in ((30, 30), answer(12, 20, 2)):
         view.page.keyboard.press("Control+z")
-        np.testing.assert_allclose(view.where_drawn(), place, atol=0.5)
+        view.expect_drawn(place)
     expect(view.rows).to_have_count(1)
     view.page.locator("#redo").click()
-    np.testing.assert_allclose(view.where_drawn(), (30, 30), atol=0.5)
+    view.expect_drawn((30, 30))
     view.page.get_by_role("button", name="Delete the correction of").click()
-    np.testing.assert_allclose(view.where_drawn(), answer(12, 20, 2), atol=0.5)
+    view.expect_drawn(answer(12, 20, 2))
     view.page.locator("#undo").click()
     view.page.get_by_label("Clear the corrections").click()
     expect(view.page.locator("#corrections li")).to_have_count(0)
@@ -118,14 +118,31 @@ def test_a_point_dragged_in_its_own_frame_is_followed_from_there(view: ViewPage,
     view.seek(3)
     view.click(12, 20)
     view.drag((12, 20), (30, 9))
-    np.testing.assert_allclose(view.where_drawn(), (30, 9), atol=0.5)
+    view.expect_drawn((30, 9))
     expect(view.page.locator("#corrections li")).to_have_count(0)
     expect(view.rows).to_have_count(1)
     tracks = view.tracks(tmp_path)
     np.testing.assert_allclose(tracks.queries, [(3, 30, 9)], atol=0.1)
     np.testing.assert_allclose(tracks.xy[0, 5], answer(*tracks.queries[0, 1:], 2), atol=1e-3)
     view.page.keyboard.press("Control+z")
-    np.testing.assert_allclose(view.where_drawn(), (12, 20), atol=0.5)
+    view.expect_drawn((12, 20))
+
+
+def test_a_point_that_has_left_the_picture_is_placed_with_a_click(view: ViewPage, tmp_path: Path):
+    view.click(48, 20)
+    view.seek(5)  # at x = 55.5
+    view.page.locator("#place").click()
+    expect(view.page.locator("#status")).to_contain_text("Click where the point belongs in this frame")
+    across, down = view.on_stage(30, 10)
+    view.stage.click(position={"x": across, "y": down})
+    ((_, _, _, *target),) = corrections(view, tmp_path)
+    np.testing.assert_allclose(np.array(target, float), (5, 30, 10), atol=0.1)
+    view.click(12, 30)  # a click is a click again
+    view.page.locator("#place").focus()
+    for key in ("Enter", "Escape", "Enter"):
+        view.page.keyboard.press(key)  # taken hold of, given up: Enter places a new point, where the cross is
+    expect(view.rows).to_have_count(3)
+    expect(view.page.locator("#corrections li")).to_have_count(1)
 
 
 def test_hidden_and_in_sight_are_marked(view: ViewPage, tmp_path: Path):
@@ -254,13 +271,13 @@ def test_a_refit_is_compared_and_taken(refitted: ViewPage, bench: Bench, tmp_pat
     white = {}
     for side, place in (("old", answer(12, 20, 1)), ("both", (16, 25)), ("new", (16, 25))):
         page.locator(f"#side-{side}").check(force=True)
-        np.testing.assert_allclose(refitted.where_drawn(), place, atol=0.6)
+        refitted.expect_drawn(place)
         white[side] = np.count_nonzero(refitted.pixels().min(-1) > 180)
     assert white["both"] > white["new"] + 20  # the rings of the old places
     page.locator("#refit-take").click()
     expect(page.locator("#refit-said")).to_contain_text("slide-corrected.onnx")
     expect(page.locator("#refit-verdict")).to_be_hidden()
-    np.testing.assert_allclose(refitted.where_drawn(), (16, 25), atol=0.6)
+    refitted.expect_drawn((16, 25))
     expect(page.locator("#corrections li")).to_have_count(1)
     tracks = refitted.tracks(tmp_path)
     expected = Tracker(bench.model.with_name("slide-corrected.onnx")).track(tracks.queries)
@@ -271,7 +288,7 @@ def test_a_refit_is_compared_and_taken(refitted: ViewPage, bench: Bench, tmp_pat
     refitted.wait_until_open()
     refitted.click(12, 20)
     refitted.seek(1)
-    np.testing.assert_allclose(refitted.where_drawn(), (16, 25), atol=0.6)
+    refitted.expect_drawn((16, 25))
     assert bench.left() == ["slide", "slide-corrected"]
 
 
@@ -281,7 +298,7 @@ def test_a_refit_is_rejected_and_the_next_one_goes_on_from_the_old_run(refitted:
     page.locator("#refit-begin").click()
     page.locator("#refit-reject").click()
     expect(page.locator("#refit-said")).to_contain_text("Rejected; the run is still there")
-    np.testing.assert_allclose(refitted.where_drawn(), (20, 30), atol=0.5)
+    refitted.expect_drawn((20, 30))
     refitted.seek(1)
     bench.let_go()
     page.locator("#refit-begin").click()
@@ -327,7 +344,7 @@ def test_a_second_tab_sees_the_refit_that_runs(refitted: ViewPage, bench: Bench)
         expect(page.locator("#refit-said")).to_contain_text("Taken")
         expect(page.locator("#refit-verdict")).to_be_hidden()
     refitted.seek(1)
-    np.testing.assert_allclose(refitted.where_drawn(), (16, 25), atol=0.6)
+    refitted.expect_drawn((16, 25))
 
 
 def test_a_wrong_token_refits_nothing_and_the_page_goes_on(refitted: ViewPage, bench: Bench):

@@ -110,24 +110,29 @@ function drawTrail(context: Context, point: Followed, scene: Scene, on: ToCanvas
   context.lineWidth = Math.max(1.5, 0.5 * radius);
   context.lineCap = "round";
   const first = Math.max(0, scene.frame - scene.trail);
+  let travelled = 0;
   for (let frame = first; frame < scene.frame; frame++) {
     const hidden = track.occluded[frame] === true || track.occluded[frame + 1] === true;
     context.globalAlpha = (1 - (scene.frame - 1 - frame) / Math.max(1, scene.trail)) * (hidden ? HIDDEN_INK : 0.9);
     const bent = isBent(point, frame) || isBent(point, frame + 1);
     context.setLineDash(bent ? [1.2 * radius, 1.2 * radius] : []);
     context.lineCap = bent ? "butt" : "round";
-    strokeStep(context, track, frame, on);
+    context.lineDashOffset = travelled; // dashes run on from step to step
+    travelled += strokeStep(context, track, frame, on);
   }
   context.setLineDash([]);
   context.globalAlpha = 1;
 }
 
-function strokeStep(context: Context, { xy }: Track, frame: number, on: ToCanvas): void {
+/** Strokes the way to the next frame, and returns how long it is. */
+function strokeStep(context: Context, { xy }: Track, frame: number, on: ToCanvas): number {
   const [a, b] = [placeOf(xy, frame, on), placeOf(xy, frame + 1, on)];
   context.beginPath();
   context.moveTo(a.x, a.y);
   context.lineTo(b.x, b.y);
   context.stroke();
+  const length = Math.hypot(b.x - a.x, b.y - a.y);
+  return Number.isFinite(length) ? length : 0; // of frames that are not answered yet
 }
 
 /** A thin white line and a small white ring. */

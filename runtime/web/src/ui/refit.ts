@@ -50,13 +50,23 @@ export class RefitPanel {
     const progress = element("refit-progress", HTMLProgressElement);
     if (state.share === null) progress.removeAttribute("value");
     else progress.value = state.share;
-    element("refit-said", HTMLParagraphElement).textContent = sentence(state);
+    const said = element("refit-said", HTMLParagraphElement);
+    said.textContent = hasModel(state) ? "Opening the new model …" : sentence(state);
     this.showContent();
-    if (!this.isServed) return; // another model was opened: nothing to compare with
-    if (state.state === "finished" && state.model !== null) await this.app.openCandidate(state.model, this.files);
-    else if (state.state === "taken" && state.model !== null) await this.take(state.model);
-    else if (this.app.candidate !== undefined) this.app.dropCandidate();
-    this.showContent();
+    try {
+      if (this.isServed) await this.follow(state); // else another model was opened: nothing to compare with
+    } finally {
+      said.textContent = sentence(state);
+      this.showContent();
+    }
+  }
+
+  /** Brings the models that are open up to the state. */
+  private async follow(refit: RefitState): Promise<void> {
+    const { state, model } = refit;
+    if (model !== null && hasModel(refit)) await this.app.openCandidate(model, this.files);
+    if (state === "taken") await this.app.takeCandidate();
+    else if (state !== "finished" && this.app.candidate !== undefined) this.app.dropCandidate();
   }
 
   /** Whether the model that is open is one of `decomo-view`'s own. */
@@ -64,21 +74,19 @@ export class RefitPanel {
     return this.app.files === this.files;
   }
 
-  private async take(path: string): Promise<void> {
-    await this.app.openCandidate(path, this.files); // where another tab took it
-    await this.app.takeCandidate();
-  }
-
   /** What follows from the document and the candidate. */
   private showContent(): void {
     const { app, state } = this;
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
-    element("refit-verdict", HTMLDivElement).hidden = app.candidate === undefined;
+    element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || !this.isServed;
     element(`side-${app.side}`, HTMLInputElement).checked = true;
     element("refit-figures", HTMLParagraphElement).textContent = app.candidate ? figures(app) : "";
   }
 }
+
+/** Whether its model is one to be opened, if it is not: another tab may have taken it. */
+const hasModel = ({ state }: RefitState): boolean => state === "finished" || state === "taken";
 
 function sentence({ state, said, run, file }: RefitState): string {
   if (state === "running" || state === "failed") return said;
@@ -89,7 +97,7 @@ function sentence({ state, said, run, file }: RefitState): string {
   return "";
 }
 
-/** How far both models miss the given places, and how far the other points have moved. */
+/** How far both models miss the given places, and how far the other points have moved, each by its mean. */
 function figures(app: App): string {
   const [old, refitted] = [app.followed, app.refollowed()];
   const parts = [];
@@ -99,12 +107,16 @@ function figures(app: App): string {
   const moves = refitted.flatMap(({ id, answer }) => {
     const was = left.get(id)?.xy;
     if (was === undefined) return [];
-    return answer.occluded.map((_, frame) => Math.hypot(...[0, 1].map((axis) => (answer.xy[2 * frame + axis] ?? 0) - (was[2 * frame + axis] ?? 0))));
+    const total = answer.occluded.reduce((sum, _, frame) => sum + apart(answer.xy, was, frame), 0);
+    return [total / answer.occluded.length];
   });
   const moved = median(moves);
   if (moved !== undefined) parts.push(`The other points move by ${px(moved)}.`);
   return `${parts.join(" ")}${parts.length > 0 ? " (Medians.)" : ""}`;
 }
+
+const apart = (a: Float32Array, b: Float32Array, frame: number): number =>
+  Math.hypot((a[2 * frame] ?? 0) - (b[2 * frame] ?? 0), (a[2 * frame + 1] ?? 0) - (b[2 * frame + 1] ?? 0));
 
 function median(values: readonly number[]): number | undefined {
   const known = values.filter(Number.isFinite).sort((a, b) => a - b);

@@ -15,8 +15,8 @@ export interface StageEvents {
   onClick(place: Place, t: number, id: number | undefined): void;
   /** The corners of an area of frame t. */
   onArea(polygon: readonly Place[], t: number): void;
-  /** A point is taken hold of. */
-  onHold(id: number): void;
+  /** A point is taken hold of; `placing`: by `place`, and the next click or Enter puts it down. */
+  onHold(id: number, placing: boolean): void;
   /** It belongs to `place` in frame t. */
   onCorrect(id: number, place: Place, t: number): void;
   /** The pen is put down. */
@@ -33,8 +33,9 @@ export class Stage {
   private seen: Scene | undefined;
   private cross: Place | undefined;
   private corner: Place | undefined;
-  /** The point that is dragged, or that the cross moves. */
+  /** The point that is dragged, or that a click or the cross places. */
   private held: number | undefined;
+  private placing = false;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -67,6 +68,18 @@ export class Stage {
 
   show(scene: Scene): void {
     this.scene = scene;
+    this.draw();
+  }
+
+  /** Takes hold of the selected point, wherever it is: the next click, or Enter at the cross, says where it belongs. */
+  place(): void {
+    this.canvas.focus({ preventScroll: true });
+    const { points = [], selected, frame = 0 } = this.scene ?? {};
+    const point = points.find(({ id }) => id === selected);
+    if (point === undefined) return;
+    this.cross = roundPlace(clampPlace({ x: point.track.xy[2 * frame] ?? 0, y: point.track.xy[2 * frame + 1] ?? 0 }, this.image));
+    this.corner = undefined;
+    this.hold(point.id, true);
     this.draw();
   }
 
@@ -139,7 +152,7 @@ export class Stage {
     return { x: ((x + 0.5) * width) / this.image.width, y: ((y + 0.5) * height) / this.image.height };
   }
 
-  private place(event: PointerEvent): Place {
+  private placeOf(event: PointerEvent): Place {
     const area = this.canvas.getBoundingClientRect();
     const x = ((event.clientX - area.left) / area.width) * this.image.width - 0.5;
     const y = ((event.clientY - area.top) / area.height) * this.image.height - 0.5;
@@ -151,48 +164,55 @@ export class Stage {
     this.canvas.setPointerCapture(event.pointerId);
     if (this.pen.isOut) {
       this.showCross(false);
-      if (this.scene) this.events.onPress(this.place(event), event.pressure || PRESSURE, this.scene.frame);
+      if (this.scene) this.events.onPress(this.placeOf(event), event.pressure || PRESSURE, this.scene.frame);
       return;
     }
-    this.path = [this.place(event)];
+    this.path = [this.placeOf(event)];
     this.seen = this.scene;
     this.showCross(false);
-    this.hold(event.shiftKey || this.seen === undefined ? undefined : this.pointAt(this.place(event), this.seen));
+    if (this.placing) return;
+    const id = event.shiftKey || this.seen === undefined ? undefined : this.pointAt(this.placeOf(event), this.seen);
+    if (id === undefined) this.letGo();
+    else this.hold(id, false);
   }
 
   private onMove(event: PointerEvent): void {
     if (this.pen.isOut) {
       this.canvas.style.cursor = "";
       const all = event.getCoalescedEvents?.() ?? [];
-      for (const each of all.length > 0 ? all : [event]) this.pen.go(this.place(each), each.pressure || PRESSURE);
+      for (const each of all.length > 0 ? all : [event]) this.pen.go(this.placeOf(each), each.pressure || PRESSURE);
       return;
     }
     if (this.path.length === 0) {
-      const over = !event.shiftKey && this.scene !== undefined && this.pointAt(this.place(event), this.scene) !== undefined;
+      const over = !event.shiftKey && this.scene !== undefined && this.pointAt(this.placeOf(event), this.scene) !== undefined;
       this.canvas.style.cursor = over ? "grab" : "";
       return;
     }
-    this.path.push(this.place(event));
+    this.path.push(this.placeOf(event));
     this.draw();
   }
 
   private onUp(event: PointerEvent): void {
     if (this.pen.isOut) {
-      this.pen.lift(this.place(event), SELECT_PIXELS / this.zoom());
+      this.pen.lift(this.placeOf(event), SELECT_PIXELS / this.zoom());
       return;
     }
-    const [first, last, area, seen, held] = [this.path[0], this.place(event), this.outline(), this.seen, this.held];
-    const moved = this.isDrag();
+    const [first, last, area, seen, held] = [this.path[0], this.placeOf(event), this.outline(), this.seen, this.held];
+    const puts = this.placing || this.isDrag();
     this.abandon();
     if (first === undefined || seen === undefined) return;
-    if (held !== undefined && moved) this.events.onCorrect(held, last, seen.frame);
+    if (held !== undefined && puts) this.events.onCorrect(held, last, seen.frame);
     else if (area.length > 0) this.events.onArea(area, seen.frame);
     else this.events.onClick(first, seen.frame, held);
   }
 
-  private hold(id: number | undefined): void {
-    this.held = id;
-    if (id !== undefined) this.events.onHold(id);
+  private hold(id: number, placing: boolean): void {
+    [this.held, this.placing] = [id, placing];
+    this.events.onHold(id, placing);
+  }
+
+  private letGo(): void {
+    [this.held, this.placing] = [undefined, false];
   }
 
   private zoom(): number {
@@ -202,7 +222,8 @@ export class Stage {
   private abandon(): void {
     this.pen.cancel();
     this.path = [];
-    this.corner = this.held = undefined;
+    this.corner = undefined;
+    this.letGo();
     this.draw();
   }
 
@@ -223,17 +244,8 @@ export class Stage {
     const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
     this.cross = shown ? (this.cross ?? centre) : undefined;
     if (!shown) this.corner = undefined;
-    if (!shown && this.path.length === 0) this.held = undefined; // a drag goes on: its first press moves the focus here
+    if (!shown && this.path.length === 0) this.letGo(); // a drag goes on: its first press moves the focus here
     this.draw();
-  }
-
-  /** Takes hold of the selected point: the cross goes there. */
-  private holdSelected({ points, selected, frame }: Scene): void {
-    const point = points.find(({ id }) => id === selected);
-    if (point === undefined) return;
-    this.cross = roundPlace(clampPlace({ x: point.track.xy[2 * frame] ?? 0, y: point.track.xy[2 * frame + 1] ?? 0 }, this.image));
-    this.corner = undefined;
-    this.hold(point.id);
   }
 
   /** Enter puts the pen down and lifts it; of what takes one press, it does both. */
@@ -269,13 +281,14 @@ export class Stage {
       if (this.held !== undefined) this.events.onCorrect(this.held, this.cross, this.scene.frame);
       else if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);
       else this.events.onClick(this.cross, this.scene.frame, undefined);
-      this.corner = this.held = undefined;
+      this.abandon();
     } else if (event.key === "b" || event.key === "B") {
-      [this.corner, this.held] = [this.cross, undefined];
+      this.letGo();
+      this.corner = this.cross;
     } else if (event.key === "m" || event.key === "M") {
-      this.holdSelected(this.scene);
+      this.place();
     } else if (event.key === "Escape") {
-      this.corner = this.held = undefined;
+      this.abandon();
     } else {
       return;
     }

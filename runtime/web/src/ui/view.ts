@@ -13,6 +13,7 @@ import { Stage } from "./stage";
 import { Tools } from "./tools";
 
 const NO_SPLIT = "nothing";
+const PLACING = "Click where the point belongs in this frame, or move the cross there and press Enter; Escape gives up.";
 
 export class View {
   readonly list = element("points", HTMLOListElement);
@@ -40,7 +41,10 @@ export class View {
     this.stage = new Stage(element("stage", HTMLCanvasElement), element("frame", HTMLDivElement), {
       onClick: (place, t, id) => (id === undefined ? this.attempt(this.app?.addAt(place, t)) : this.app?.select(id)),
       onArea: (polygon, t) => this.attempt(this.app?.addArea(polygon, t, Math.max(1, this.spacing.valueAsNumber || 16))),
-      onHold: (id) => this.app?.hold(id),
+      onHold: (id, placing) => {
+        this.app?.hold(id);
+        if (placing) this.status(PLACING);
+      },
       onCorrect: (id, place, t) => this.attempt(this.app?.correct(id, place, t)),
       onPress: (place, pressure, t) => {
         try {
@@ -90,6 +94,7 @@ export class View {
     onClick("undo", () => app.document.undo());
     onClick("redo", () => app.document.redo());
     onClick("clear", () => app.document.change(withoutPoints));
+    onClick("place", () => this.stage.place());
     onClick("mark-hidden", () => app.mark(true));
     onClick("mark-seen", () => app.mark(false));
     onClick("clear-corrections", () => app.document.change(withoutCorrections));
@@ -172,7 +177,7 @@ export class View {
     element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
     element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
     for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;
-    for (const id of ["mark-hidden", "mark-seen"]) element(id, HTMLButtonElement).disabled = selected === undefined;
+    for (const id of ["place", "mark-hidden", "mark-seen"]) element(id, HTMLButtonElement).disabled = selected === undefined;
   }
 
   loading(text: string | undefined): void {
