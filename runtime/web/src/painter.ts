@@ -88,16 +88,16 @@ export class Painter {
   }
 
   private layer(frame: number, drawing: Drawing, draft: Draft | undefined): Painted | undefined {
-    const own = draft?.drawing.id === drawing.id ? draft.marks : undefined;
+    const own = draft?.drawing.id === drawing.id && draft.marks.some(({ t }) => t === frame) ? draft.marks : undefined;
     const { marks, kind } = drawing;
     const shares = kind === "paint" && drawing.on !== "seen" ? this.carrier.shares(frame) : undefined;
     const maps = drawnFrames(drawing).map((t) => this.carrier.map(frame, t));
     const kept = this.kept.get(drawing);
     if (own === undefined && kept?.frame === frame && kept.shares === shares && maps.every((map, index) => map === kept.maps[index])) return kept.painted;
     const alpha = kind === "mask" ? MASK_ALPHA : 1;
-    const atOwn = marks.some(({ t }) => t === frame) || own !== undefined;
+    const atOwn = marks.some(({ t }) => t === frame);
     let painted: Painted | undefined;
-    if (atOwn && shares === undefined) {
+    if (own !== undefined || (atOwn && shares === undefined)) {
       const sheet = this.sheet(marks, frame);
       const canvas = own === undefined && kind === "paint" ? sheet : this.drawnOn(sheet, own ?? [], kind === "mask" ? drawing.colour : undefined);
       painted = { canvas, left: 0, top: 0, scale: this.scale, alpha };

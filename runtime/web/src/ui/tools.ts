@@ -73,7 +73,8 @@ export class Tools {
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=mask]")) button.disabled = !has("mask");
   }
 
-  private choose(tool: Tool): void {
+  /** Takes up a tool. */
+  choose(tool: Tool): void {
     this.pen.cancel();
     this.pen.tool = tool;
     const radio = this.radios.get(tool);

@@ -94,7 +94,10 @@ export class View {
     onClick("undo", () => app.document.undo());
     onClick("redo", () => app.document.redo());
     onClick("clear", () => app.document.change(withoutPoints));
-    onClick("place", () => this.stage.place());
+    onClick("place", () => {
+      this.tools.choose("points");
+      this.stage.place();
+    });
     onClick("mark-hidden", () => app.mark(true));
     onClick("mark-seen", () => app.mark(false));
     onClick("clear-corrections", () => app.document.change(withoutCorrections));
