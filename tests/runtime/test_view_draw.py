@@ -176,7 +176,7 @@ def test_layers_are_shown_ordered_named_and_deleted(view: ViewPage):
 
 
 def test_what_is_of_the_objects_is_only_on_them(view: ViewPage):
-    """The model says that what moves has 1 - t / 8 of each pixel of frame t: all, by half and none in frames 2, 4, 6."""
+    """The model says that 1 - t / 8 of each pixel of frame t moves: all, half and none is an object's in 2, 4 and 6."""
     half = tuple(0.5 * (np.array(RED) + GREY))
     view.seek(4)
     choose(view, "box", RED)
@@ -206,8 +206,8 @@ def test_saved_layers_are_opened_again_and_drawn_by_decomo_render(
     (tmp_path / "edits").mkdir()
     (tmp_path / edit).write_bytes(zipped[edit])
     command = zipped["README.txt"].decode().split("decomo-render ")[1].splitlines()[0]
-    args = [{"MODEL": str(model), "CLIP": str(clip), "edited.mp4": str(tmp_path / "out")}.get(a, a) for a in shlex.split(command)]
-    args = [str(tmp_path / each) if each.startswith("edits/") else each for each in args]
+    named = {"MODEL": model, "CLIP": clip, "edited.mp4": tmp_path / "out", f"{edit}@2": tmp_path / f"{edit}@2"}
+    args = [str(named.get(each, each)) for each in shlex.split(command)]
     assert render_main(args) == 0
     drawn = [cv2.imread(str(path)) for path in sorted((tmp_path / "out").glob("*.png"))]
     for frame in (0, 2, 4):
@@ -236,8 +236,8 @@ def test_video_with_alpha(view: ViewPage, tmp_path: Path):
         frames = [frame for packet in video.demux(stream) if packet.size for frame in decoder.decode(packet)]
     assert len(frames) >= NUM_FRAMES - 1
     first = frames[0].to_ndarray(format="rgba")
-    height, width = first.shape[:2]
-    inside, outside = (first[int((y + 0.5) * height / HEIGHT), int((x + 0.5) * width / WIDTH)] for x, y in ((20, 18), (45, 33)))
+    across, down = first.shape[1] / WIDTH, first.shape[0] / HEIGHT
+    inside, outside = (first[int((y + 0.5) * down), int((x + 0.5) * across)] for x, y in ((20, 18), (45, 33)))
     assert inside[3] > 240
     assert np.abs(inside[:3].astype(int) - RED).max() < 40
     assert outside[3] < 15
@@ -361,9 +361,10 @@ def test_damaged_drawings_are_refused(view: ViewPage, tmp_path: Path):
     view.drag((8, 20), (30, 20))
     project = json.loads(view.save("project.json", tmp_path).read_text())
     mark = project["drawings"][0]["marks"][0]
+    wrong = ({"t": NUM_FRAMES}, {"ink": "url(x)"}, {"path": [[0, None, 1]]}, {"kind": "svg"})
     for damage in (
         *({"kind": "other"}, {"on": "nothing"}, {"colour": "red"}, {"label": -1}, {"marks": 3}),
-        *({"marks": [mark | each]} for each in ({"t": NUM_FRAMES}, {"ink": "url(x)"}, {"path": [[0, None, 1]]}, {"kind": "svg"})),
+        *({"marks": [mark | each]} for each in wrong),
     ):
         changed = project | {"drawings": [project["drawings"][0] | damage]}
         (tmp_path / "bad.json").write_text(json.dumps(changed))
