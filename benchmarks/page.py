@@ -70,7 +70,9 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool) 
         click.echo(f"while layers are rendered: {click_times(page, clicks)}")
         with page.expect_download() as download:
             page.locator("[data-save='tracks.npz']").click()
-        tracks = Tracks.load(download.value.path())
+        saved = Path(folder) / "tracks.npz"
+        download.value.save_as(saved)
+        tracks = Tracks.load(saved)
         browser.close()
         server.shutdown()
         difference = np.abs(tracks.xy - Tracker(model).track(tracks.queries).xy).max()

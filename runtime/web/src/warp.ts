@@ -98,7 +98,8 @@ export interface Source {
  */
 export function warp(sources: readonly Source[], image: Size, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
   const scale = sources[0]?.cel.scale ?? 1;
-  const region = regionOf(sources, image, scale);
+  const blocks = new Blocks(sources, image, scale);
+  const region = blocks.bounds();
   if (region === undefined) return undefined;
   const { left, top } = region;
   const [width, height] = [region.right - left, region.bottom - top];
@@ -109,6 +110,7 @@ export function warp(sources: readonly Source[], image: Size, owned?: { shares: 
   for (let row = 0, at = 0; row < height; row++) {
     const y = (top + row + 0.5) / scale - 0.5;
     for (let column = 0; column < width; column++, at += 4) {
+      if (!blocks.has(left + column, top + row)) continue;
       const x = (left + column + 0.5) / scale - 0.5;
       sum.fill(0);
       let remaining = 1;
@@ -134,34 +136,92 @@ export function warp(sources: readonly Source[], image: Size, owned?: { shares: 
 
 const unit = (value: number): number => Math.min(1, Math.max(0, value));
 
-/** The box of the frame, in pixels of the cels, outside of which no pixel was where something is drawn. */
-function regionOf(sources: readonly Source[], { width, height }: Size, scale: number): Bounds | undefined {
-  let [left, top, right, bottom] = [width, height, 0, 0];
-  for (const { cel, map } of sources) {
-    const { bounds } = cel;
-    if (bounds === undefined) continue;
-    const [across, down] = [width / map.columns, height / map.rows];
-    for (let row = 0, node = 0; row < map.rows; row++) {
-      for (let column = 0; column < map.columns; column++, node++) {
-        const [x, y] = [(column + 0.5) * across, (row + 0.5) * down];
-        const [toX, toY] = [x + (map.flow[2 * node] ?? 0), y + (map.flow[2 * node + 1] ?? 0)];
-        if (toX < bounds.left / scale - 2 * across || toX > bounds.right / scale + 2 * across) continue;
-        if (toY < bounds.top / scale - 2 * down || toY > bounds.bottom / scale + 2 * down) continue;
-        left = Math.min(left, x - 1.5 * across);
-        right = Math.max(right, x + 1.5 * across);
-        top = Math.min(top, y - 1.5 * down);
-        bottom = Math.max(bottom, y + 1.5 * down);
+/** Side of a block, in pixels of the cels. */
+const BLOCK = 8;
+
+/** Those parts of the frame where a pixel may be of what is drawn, in blocks of pixels of the cels. */
+class Blocks {
+  private readonly columns: number;
+  private readonly rows: number;
+  private readonly wanted: Uint8Array;
+
+  constructor(
+    sources: readonly Source[],
+    private readonly image: Size,
+    private readonly scale: number,
+  ) {
+    const { width, height } = image;
+    this.columns = Math.ceil((width * scale) / BLOCK);
+    this.rows = Math.ceil((height * scale) / BLOCK);
+    this.wanted = new Uint8Array(this.columns * this.rows);
+    for (const { cel, map } of sources) {
+      const { bounds } = cel;
+      if (bounds === undefined) continue;
+      const [across, down] = [width / map.columns, height / map.rows];
+      for (let row = 0, node = 0; row < map.rows; row++) {
+        for (let column = 0; column < map.columns; column++, node++) {
+          const [x, y] = [(column + 0.5) * across, (row + 0.5) * down];
+          const [toX, toY] = [x + (map.flow[2 * node] ?? 0), y + (map.flow[2 * node + 1] ?? 0)];
+          if (!isNear(cel, toX - 2 * across, toY - 2 * down, toX + 2 * across, toY + 2 * down)) continue;
+          this.add((x - 1.5 * across) * scale, (y - 1.5 * down) * scale, (x + 1.5 * across) * scale, (y + 1.5 * down) * scale);
+        }
       }
     }
   }
-  if (right <= left) return undefined;
-  const within = (value: number, most: number): number => Math.min(most, Math.max(0, value)) * scale;
-  return {
-    left: Math.floor(within(left, width)),
-    top: Math.floor(within(top, height)),
-    right: Math.ceil(within(right, width)),
-    bottom: Math.ceil(within(bottom, height)),
-  };
+
+  has(x: number, y: number): boolean {
+    return this.wanted[Math.floor(y / BLOCK) * this.columns + Math.floor(x / BLOCK)] === 1;
+  }
+
+  /** The box that holds all of them. */
+  bounds(): Bounds | undefined {
+    let [left, top, right, bottom] = [this.columns, this.rows, 0, 0];
+    this.wanted.forEach((wanted, block) => {
+      if (wanted === 0) return;
+      const [column, row] = [block % this.columns, Math.floor(block / this.columns)];
+      [left, top] = [Math.min(left, column), Math.min(top, row)];
+      [right, bottom] = [Math.max(right, column + 1), Math.max(bottom, row + 1)];
+    });
+    const [width, height] = [this.image.width * this.scale, this.image.height * this.scale];
+    return right === 0 ? undefined : { left: left * BLOCK, top: top * BLOCK, right: Math.min(width, right * BLOCK), bottom: Math.min(height, bottom * BLOCK) };
+  }
+
+  private add(left: number, top: number, right: number, bottom: number): void {
+    const last = [Math.min(this.columns - 1, Math.floor(right / BLOCK)), Math.min(this.rows - 1, Math.floor(bottom / BLOCK))] as const;
+    for (let row = Math.max(0, Math.floor(top / BLOCK)); row <= last[1]; row++) {
+      const begin = row * this.columns + Math.max(0, Math.floor(left / BLOCK));
+      this.wanted.fill(1, begin, row * this.columns + last[0] + 1);
+    }
+  }
+}
+
+/** Side of the squares in which it is noted whether a cel has anything, in its pixels. */
+const SQUARE = 16;
+const squares = new WeakMap<Cel, { readonly filled: Uint8Array; readonly columns: number; readonly rows: number }>();
+
+/** Whether a cel may have something in a box of the clip's pixels, edges from 0 on. */
+function isNear(cel: Cel, left: number, top: number, right: number, bottom: number): boolean {
+  const { columns, rows, filled } = squaresOf(cel);
+  const at = (edge: number, most: number): number => Math.min(most, Math.max(-1, Math.floor((edge * cel.scale) / SQUARE)));
+  const [first, last] = [Math.max(0, at(left, columns)), Math.min(columns - 1, at(right, columns))];
+  for (let row = Math.max(0, at(top, rows)); row <= Math.min(rows - 1, at(bottom, rows)); row++) {
+    for (let column = first; column <= last; column++) if (filled[row * columns + column] === 1) return true;
+  }
+  return false;
+}
+
+function squaresOf(cel: Cel): { readonly filled: Uint8Array; readonly columns: number; readonly rows: number } {
+  const had = squares.get(cel);
+  if (had !== undefined) return had;
+  const { data, width, height } = cel.pixels;
+  const [columns, rows] = [Math.ceil(width / SQUARE), Math.ceil(height / SQUARE)];
+  const filled = new Uint8Array(columns * rows);
+  for (let y = 0, at = 3; y < height; y++) {
+    for (let x = 0; x < width; x++, at += 4) if (data[at] !== 0) filled[Math.floor(y / SQUARE) * columns + Math.floor(x / SQUARE)] = 1;
+  }
+  const made = { filled, columns, rows };
+  squares.set(cel, made);
+  return made;
 }
 
 /** The four nodes about a place, and how near each is. */
