@@ -102,6 +102,13 @@ export class Sketch {
     this.document.change((content) => marked(content, target.drawing, [...target.before, mark]));
   }
 
+  /** Says what new layers belong to, and the one that is drawn on where it is empty yet. */
+  drawOn(owner: Owner): void {
+    this.on = owner;
+    const { drawing } = this;
+    if (drawing?.kind === "paint" && drawing.marks.length === 0) this.document.change((content) => redrawn(content, drawing.id, { on: owner }));
+  }
+
   /** Puts an empty layer on top, and draws on it from now on. */
   add(kind: Drawing["kind"]): void {
     const drawing = this.document.newDrawing(kind, kind === "mask" ? "seen" : this.on);

@@ -2,8 +2,8 @@
  * Moves what is drawn over one frame to another, by where the model says that the other's pixels were.
  *
  * As `decomo_runtime/edits.py`, which asks for every pixel and smooths the answers; here they are those of a coarse grid,
- * and of what lies between its nodes: in straight lines, but across the outlines of what moves differently, where each
- * pixel moves as the node nearest to it.
+ * and of what lies between its nodes: in straight lines, but across the outlines of what moves differently, where what is
+ * seen by each of the nodes about a pixel is mixed.
  */
 
 import type { Size } from "./geometry";
@@ -226,14 +226,13 @@ function squaresOf(cel: Cel): { readonly filled: Uint8Array; readonly columns: n
 
 /** The four nodes about a place, and how near each is. */
 class Nodes {
-  /** Of the nodes, and their weights; `nearest` is one of the nodes. */
+  /** Of the nodes. */
   protected a = 0;
   protected b = 0;
   protected c = 0;
   protected d = 0;
-  protected nearest = 0;
-  private across = 0;
-  private down = 0;
+  protected across = 0;
+  protected down = 0;
   private readonly perX: number;
   private readonly perY: number;
 
@@ -259,7 +258,6 @@ class Nodes {
     this.b = top * columns + right;
     this.c = bottom * columns + left;
     this.d = bottom * columns + right;
-    this.nearest = this.down < 0.5 ? (this.across < 0.5 ? this.a : this.b) : this.across < 0.5 ? this.c : this.d;
   }
 
   /** Of values [rows, columns, `step`], the `offset`th. */
@@ -288,14 +286,26 @@ class Reader extends Nodes {
   add(x: number, y: number, weight: number, sum: Float32Array): number {
     this.go(x, y);
     const { flow, visible } = this.map;
-    const whole = this.torn[this.a] === 0;
-    const seen = whole ? this.mean(visible) : (visible[this.nearest] ?? 0);
-    if (seen <= 0) return 0;
-    const moveX = whole ? this.mean(flow, 2) : (flow[2 * this.nearest] ?? 0);
-    const moveY = whole ? this.mean(flow, 2, 1) : (flow[2 * this.nearest + 1] ?? 0);
+    const { a, b, c, d, across, down } = this;
+    if (this.torn[a] === 0) {
+      const seen = this.mean(visible);
+      if (seen > 0) this.read(x + this.mean(flow, 2), y + this.mean(flow, 2, 1), weight * seen, sum);
+      return seen;
+    }
+    const along = (node: number, share: number): number => {
+      const seen = share * (visible[node] ?? 0);
+      if (seen > 0) this.read(x + (flow[2 * node] ?? 0), y + (flow[2 * node + 1] ?? 0), weight * seen, sum);
+      return seen;
+    };
+    const above = along(a, (1 - across) * (1 - down)) + along(b, across * (1 - down));
+    return above + along(c, (1 - across) * down) + along(d, across * down);
+  }
+
+  /** Adds `weight` times the colour of the cel at a place of its frame. */
+  private read(x: number, y: number, weight: number, sum: Float32Array): void {
     const { pixels, scale, bounds } = this.cel;
-    const [atX, atY] = [(x + moveX + 0.5) * scale - 0.5, (y + moveY + 0.5) * scale - 0.5];
-    if (bounds === undefined || !(atX > bounds.left - 1 && atX < bounds.right && atY > bounds.top - 1 && atY < bounds.bottom)) return seen;
+    const [atX, atY] = [(x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5];
+    if (bounds === undefined || !(atX > bounds.left - 1 && atX < bounds.right && atY > bounds.top - 1 && atY < bounds.bottom)) return;
     const { data, width, height } = pixels;
     const [left, top] = [Math.floor(atX), Math.floor(atY)];
     const [across, down] = [atX - left, atY - top];
@@ -304,13 +314,12 @@ class Reader extends Nodes {
       if (column < 0 || row < 0 || column >= width || row >= height) continue;
       const at = 4 * (row * width + column);
       const share = (corner & 1 ? across : 1 - across) * (corner >> 1 ? down : 1 - down);
-      const alpha = (weight * seen * share * (data[at + 3] ?? 0)) / 255;
+      const alpha = (weight * share * (data[at + 3] ?? 0)) / 255;
       sum[0] = (sum[0] ?? 0) + alpha * (data[at] ?? 0);
       sum[1] = (sum[1] ?? 0) + alpha * (data[at + 1] ?? 0);
       sum[2] = (sum[2] ?? 0) + alpha * (data[at + 2] ?? 0);
       sum[3] = (sum[3] ?? 0) + alpha;
     }
-    return seen;
   }
 }
 

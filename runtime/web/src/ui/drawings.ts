@@ -65,7 +65,7 @@ export class DrawingRows {
       button.addEventListener("click", action);
       return keyed(button, title);
     });
-    const item = make("li", {}, keyed(eye, "shown"), this.kind(drawing, change, keyed), keyed(label, "name"), ...buttons, make("p", {}, ...go));
+    const item = make("li", {}, keyed(eye, "shown"), keyed(label, "name"), ...buttons, make("p", {}, this.kind(drawing, change, keyed), ...go));
     item.setAttribute("aria-current", String(id === this.sketch.selected));
     item.addEventListener("pointerdown", () => this.select(id));
     return item;

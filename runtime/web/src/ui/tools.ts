@@ -12,6 +12,16 @@ import { type Pen, TOOLS, type Tool } from "./pen";
 /** Of a picture's file: it goes into the project. */
 const MOST_BYTES = 16 * 2 ** 20;
 
+const HINTS: Readonly<Record<Tool, string>> = {
+  points: "Click a pixel to follow it; drag an area for many points; drag a point to where it belongs.",
+  brush: "Drag to draw: it moves with what it is drawn on, in all frames.",
+  eraser: "Drag to erase of the layer that is selected in the list.",
+  polygon: "Drag an outline, or click corners, the last one twice.",
+  box: "Drag a box: it is filled.",
+  text: "Write the text above, then click where its middle belongs.",
+  picture: "Choose a picture, then click, or drag to say how large.",
+};
+
 /** Shows what goes wrong. */
 interface Alerts {
   attempt(work: Promise<unknown> | undefined): void;
@@ -44,7 +54,7 @@ export class Tools {
 
   connect(app: App): void {
     const { sketch } = app;
-    this.on.addEventListener("change", () => (sketch.on = OWNERS.find((owner) => owner === this.on.value) ?? "seen"));
+    this.on.addEventListener("change", () => sketch.drawOn(OWNERS.find((owner) => owner === this.on.value) ?? "seen"));
     const onClick = (id: string, action: () => void): void => element(id, HTMLButtonElement).addEventListener("click", action);
     onClick("new-layer", () => this.begin(() => sketch.add("paint")));
     onClick("new-mask", () => this.begin(() => sketch.add("mask")));
@@ -81,6 +91,8 @@ export class Tools {
     if (radio) radio.checked = true;
     const shown = { "draw-colour": !["points", "eraser", "picture"].includes(tool), "draw-size": ["brush", "eraser", "text"].includes(tool) };
     for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
+    const [hint] = element("hint", HTMLParagraphElement).childNodes;
+    if (hint) hint.textContent = HINTS[tool];
     element("draw-text-field", HTMLLabelElement).hidden = tool !== "text";
     element("draw-picture", HTMLButtonElement).hidden = tool !== "picture";
     element("draw-on-field", HTMLLabelElement).hidden = tool === "points" || tool === "eraser";
