@@ -9,6 +9,8 @@ import { type CarryMap, type Grid, SAME, type Shares, carryMap, shares } from ".
 /** Nodes along the longer side; frames not shown are asked for ahead up to `AHEAD_LEVEL`. */
 const SIDES = [24, 64, 160] as const;
 const AHEAD_LEVEL = 1;
+/** Frames from the one shown on whose coarsest grid comes before a finer one of that. */
+const PLAYED = 8;
 const FINEST = SIDES.length - 1;
 /** What the maps of all frames may take. */
 const ROOM_BYTES = 96 * 2 ** 20;
@@ -102,9 +104,16 @@ export class Carrier {
     }
   }
 
-  /** The frame shown to the finest level, then those after it, as many as are kept, up to `AHEAD_LEVEL`. */
+  /**
+   * The frame shown, and coarsely the few after it, which playing waits for; then that frame to the finest level, and all
+   * after it, as many as are kept, up to `AHEAD_LEVEL`.
+   */
   private next(): { frame: number; level: number } | undefined {
     const { numFrames } = this.facts;
+    for (let ahead = 0; ahead < Math.min(numFrames, PLAYED); ahead++) {
+      const frame = (this.shown + ahead) % numFrames;
+      if (this.lacks(frame, 0, this.wanted)) return { frame, level: 0 };
+    }
     for (const level of SIDES.keys()) if (this.lacks(this.shown, level, this.wanted)) return { frame: this.shown, level };
     const room = Math.min(numFrames, this.room());
     for (let level = 0; level <= AHEAD_LEVEL; level++) {
