@@ -6,7 +6,6 @@ import json
 import re
 import shlex
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,7 +61,7 @@ def shared_view(chromium: Browser, model: Path, clip: Path, tmp_path_factory: py
 
 
 @pytest.fixture
-def view(shared_view: ViewPage) -> Iterator[ViewPage]:
+def view(shared_view: ViewPage) -> ViewPage:
     """The page as it is when opened, with the clip."""
     shared_view.page.reload()
     shared_view.wait_until_open()
@@ -78,13 +77,20 @@ def choose(view: ViewPage, tool: str, colour: tuple[int, int, int] | None = None
         view.page.locator("#draw-size").fill(str(size))
 
 
+def press(view: ViewPage, x: float, y: float) -> None:
+    """Clicks there with a drawing tool."""
+    across, down = view.on_stage(x, y)
+    view.stage.click(position={"x": across, "y": down})
+
+
 def expect_colour(view: ViewPage, x: float, y: float, colour: tuple[float, ...], apart: int = 20) -> None:
     """At a place of the clip, once the model has answered."""
+    shown = view.colour_at(x, y) * 255
     for _ in range(200):
-        shown = view.colour_at(x, y) * 255
         if np.abs(shown - colour).max() <= apart:
             return
         view.page.wait_for_timeout(50)
+        shown = view.colour_at(x, y) * 255
     pytest.fail(f"({x}, {y}) shows {shown}, not {colour}")
 
 
@@ -97,10 +103,19 @@ def in_zip(path: Path) -> dict[str, bytes]:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def rgba(content: bytes) -> np.ndarray:
+def decoded(content: bytes) -> np.ndarray:
+    """As OpenCV has it."""
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     assert picture is not None
-    return picture[..., [2, 1, 0, 3]]
+    return picture
+
+
+def rgba(content: bytes) -> np.ndarray:
+    return decoded(content)[..., [2, 1, 0, 3]]
+
+
+def pictures(folder: Path) -> list[np.ndarray]:
+    return [decoded(path.read_bytes()) for path in sorted(folder.glob("*.png"))]
 
 
 def test_a_stroke_moves_with_what_it_is_drawn_on_and_is_hidden_where_that_is(view: ViewPage):
@@ -130,12 +145,12 @@ def test_tools_and_undo(view: ViewPage):
     expect_colour(view, 25, 25, RED)
     choose(view, "polygon", BLUE)
     for place in ((12, 9), (38, 9), (38, 14), (12, 14)):
-        view.stage.click(position=dict(zip("xy", view.on_stage(*place), strict=True)))
-    view.stage.click(position=dict(zip("xy", view.on_stage(12, 9), strict=True)))
+        press(view, *place)
+    press(view, 12, 9)
     expect_colour(view, 25, 12, BLUE)
     choose(view, "text", BLUE, 12)
     view.page.locator("#draw-text").fill("HHH")
-    view.stage.click(position=dict(zip("xy", view.on_stage(25, 25), strict=True)))
+    press(view, 25, 25)
     expect(layers(view)).to_have_count(1)
     view.seek(2)
     expect_colour(view, *moved(25, 12, 2), BLUE)
@@ -209,7 +224,7 @@ def test_saved_layers_are_opened_again_and_drawn_by_decomo_render(
     named = {"MODEL": model, "CLIP": clip, "edited.mp4": tmp_path / "out", f"{edit}@2": tmp_path / f"{edit}@2"}
     args = [str(named.get(each, each)) for each in shlex.split(command)]
     assert render_main(args) == 0
-    drawn = [cv2.imread(str(path)) for path in sorted((tmp_path / "out").glob("*.png"))]
+    drawn = pictures(tmp_path / "out")
     for frame in (0, 2, 4):
         red = np.abs(drawn[frame][..., ::-1].astype(int) - RED).max(axis=2) < 60
         here = frames[frame][..., 3] > 127
@@ -263,14 +278,14 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     labels = {}
     for name, content in zipped.items():
         (tmp_path / name).write_bytes(content)
-        labels[name] = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
+        labels[name] = decoded(content)
     expected = np.zeros((HEIGHT, WIDTH), np.uint8)
     expected[8:28, 10:30] = 1
     np.testing.assert_array_equal(labels["00001.png"], expected)
     assert labels["00004.png"][18 - 1, 20 + 4] == labels["00004.png"][28, 40] == 1
     tracker = Tracker(model)
     propagate_files(tracker, [(tmp_path / "00001.png", 1)], tmp_path / "carried")
-    carried = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted((tmp_path / "carried").glob("*.png"))]
+    carried = pictures(tmp_path / "carried")
     np.testing.assert_array_equal(carried[1], expected)
     view.page.locator("#undo").click()
     for frame in (0, 2, 3):
@@ -292,33 +307,32 @@ def test_a_mask_is_loaded_with_the_numbers_of_its_objects(view: ViewPage, tmp_pa
     view.page.locator("#mask-file").set_input_files(str(tmp_path / "mask.png"))
     expect(layers(view)).to_have_count(2)
     zipped = in_zip(view.save("masks.zip", tmp_path))
-    back = cv2.imdecode(np.frombuffer(zipped["00002.png"], np.uint8), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(back, labels)
+    np.testing.assert_array_equal(decoded(zipped["00002.png"]), labels)
 
 
 def test_drawn_by_keyboard_alone(view: ViewPage):
-    page, press = view.page, view.page.keyboard.press
+    page, key = view.page, view.page.keyboard.press
     page.locator("#tools input:checked").focus()
-    press("ArrowRight")  # the brush
+    key("ArrowRight")  # the brush
     expect(page.locator("#tools input[value=brush]")).to_be_checked()
     for _ in range(20):
-        press("Tab")
+        key("Tab")
         if page.evaluate("document.activeElement.id") == "stage":
             break
-    press("Shift+ArrowLeft")
-    press("Enter")
+    key("Shift+ArrowLeft")
+    key("Enter")
     for _ in range(2):
-        press("Shift+ArrowRight")
-    press("Enter")
+        key("Shift+ArrowRight")
+    key("Enter")
     expect(layers(view)).to_have_count(1)
     pink = (255, 51, 85)
     expect_colour(view, WIDTH // 2 - 5, HEIGHT // 2, pink)
-    press("Escape")
+    key("Escape")
     view.page.evaluate("document.activeElement.blur()")
-    press(".")
+    key(".")
     view.expect_frame(1)
     expect_colour(view, *moved(WIDTH // 2 - 5, HEIGHT // 2, 1), pink)
-    press("Control+z")
+    key("Control+z")
     expect(layers(view)).to_have_count(0)
 
 
