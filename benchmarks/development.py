@@ -30,7 +30,7 @@ from table import clip_table, row_table
 DATASET, MASKS, WEIGHTS = "data/tapvid_davis32_dev.pkl", "data/davis32_dev_mask.npz", "weights/raft-small.pth"
 FITS, BASELINES = "10m", "baselines"
 FINE = "data.flow.gradient_weight=10"
-"""Of DIS alone: with it the records of the README were made."""
+"""Of DIS alone: with it the records of `benchmarks/results/baselines` were made."""
 NOT_ENLARGED = "data.flow.upsample=1"
 """Of RAFT-small alone: enlarged frames take it four to five times as long."""
 REFERENCE, OURS = "chained-dis", "cpu"

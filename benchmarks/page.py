@@ -3,11 +3,14 @@
     python benchmarks/page.py goat.onnx goat.mp4
     python benchmarks/page.py goat.onnx --windows 30 --clicks 2
     python benchmarks/page.py goat.onnx goat.mp4 --draw
+    python benchmarks/page.py goat.onnx --long 300 --size 1920x1080
 
 Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
 as many while the model also renders its layers; prints milliseconds from a click to its point on the list and to its
 whole track. With `--windows`, the file is taken for each of so many windows of a long clip. With `--draw`, also how
 often in a second the picture is drawn anew while the brush draws over those points, and while what it drew is played.
+With `--long`, it is taken for each window of a made clip of so many frames, which is scrubbed, played and rendered
+(`page_long.py`).
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import click
 import numpy as np
 from playwright.sync_api import Page, expect, sync_playwright
 
+import page_long
 from decomo_runtime import Tracker, Tracks, ViewError
 from decomo_runtime.view.server import make_server
 from decomo_runtime.view.site import read_inputs, write_site
@@ -41,7 +45,9 @@ FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-backgroun
 @click.option("--windows", metavar="N", type=click.IntRange(min=1), default=1)
 @click.option("--clicks", metavar="N", type=click.IntRange(min=1), default=30)
 @click.option("--draw", is_flag=True)
-def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool) -> None:
+@click.option("--long", "length", metavar="FRAMES", type=click.IntRange(min=20))
+@click.option("--size", metavar="WxH", default="1920x1080", help="Of the long clip.")
+def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool, length: int | None, size: str) -> None:
     """Measures the page with MODEL and CLIP."""
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -52,7 +58,10 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool) 
         make_server(Path(folder)) as server,
         sync_playwright() as driver,
     ):
-        if windows > 1:
+        if length is not None:
+            width, height = map(int, size.split("x"))
+            model, clip = page_long.write_long(Path(several), model, length, width, height)
+        elif windows > 1:
             write_windows(Path(several), model, windows)
             model = Path(several)
         _, frames = read_inputs(model, clip)
@@ -63,6 +72,9 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool) 
         page.goto(f"http://127.0.0.1:{server.server_address[1]}/")
         expect(page.locator("#loading")).to_be_hidden(timeout=PATIENCE)
         click.echo(f"{page.locator('#facts').text_content()}; Chromium {browser.version}")
+        if length is not None:
+            page_long.measure(page)
+            return
         click.echo(f"a click: {click_times(page, clicks)}")
         if draw:
             click.echo(draw_rates(page))

@@ -1,4 +1,4 @@
-"""The README's picture: four frames of a clip with the tracks of a grid of points.
+"""A picture of tracks, that of docs/index.md: four frames of a clip with the tracks of a grid of points.
 
 python benchmarks/picture.py models/sample.onnx sample/clip docs/images/tracks.png --grid 16@0
 """

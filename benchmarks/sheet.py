@@ -1,4 +1,4 @@
-"""Sheets of layers, the README's among them: a clip beside all that a model makes of it, a row for each frame.
+"""Sheets of layers, as in docs/render.md: a clip beside all that a model makes of it, a row for each frame.
 
     python benchmarks/sheet.py ../shared/data/tapvid_davis32_dev.pkl runs/cpu --out sheets --frames 2,16,29
 

@@ -19,8 +19,7 @@ from pathlib import Path
 
 import click
 
-from decomo_eval.bench.run import bench
-from decomo_eval.bench.task import command_options
+from decomo_eval.bench.run import bench, command_options
 from decomotion import checkpoint
 from decomotion.console import run
 from decomotion.jobs.cluster import RayEngine

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from decomotion.version import __version__
+
 if TYPE_CHECKING:
     from decomotion.train import fit as fit
 
-__version__ = "0.1.0"
 __all__ = ["__version__", "fit"]
 
 

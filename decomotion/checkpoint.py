@@ -18,6 +18,7 @@ from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
 from decomotion.quality import Quality, parse
 from decomotion.record import CHECKPOINT
+from decomotion.source import code_version
 from decomotion.times import is_steady
 
 FORMAT_VERSION = 2
@@ -62,6 +63,8 @@ class Checkpoint:
     """What of the links there was no time for, in a line; None: nothing, or the file does not say."""
     quality: Quality | None = None
     """How good the fit is; None where it was stopped, or the file does not say."""
+    code: str | None = None
+    """Version of the code that wrote it (`decomotion.source`); None where the file does not say."""
 
 
 def save(
@@ -83,6 +86,7 @@ def save(
         "training": training,
         "thinned": thinned,
         "quality": None if quality is None else quality.as_json(),
+        "code": code_version(),
     }
     write(path, content)
 
@@ -125,10 +129,10 @@ def _rebuilt(content: dict[str, Any], source: str) -> Checkpoint:
         raise ValueError("model and clip are of different lengths")
     model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, content["feature_size"])
     model.load_state_dict(state)
-    thinned, quality = content.get("thinned"), content.get("quality")
-    if not (thinned is None or isinstance(thinned, str)):
-        raise ValueError("what is thinned is no text")
-    return Checkpoint(config, clip, model, training, thinned, None if quality is None else parse(quality))
+    thinned, quality, code = (content.get(key) for key in ("thinned", "quality", "code"))
+    if not all(each is None or isinstance(each, str) for each in (thinned, code)):
+        raise ValueError("what is thinned, or the code's version, is no text")
+    return Checkpoint(config, clip, model, training, thinned, None if quality is None else parse(quality), code)
 
 
 def latest_run(root: Path = Path("runs")) -> Path:

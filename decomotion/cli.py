@@ -5,15 +5,23 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from decomotion.console import interrupt_flag, run
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
-from decomotion.options import Duration, Supervision, seed_option, supervision_options, window_options
+from decomotion.options import (
+    Duration,
+    Supervision,
+    forwarded,
+    given_names,
+    seed_option,
+    supervision_options,
+    window_options,
+)
 
 if TYPE_CHECKING:
     from decomotion.clip import Clip
@@ -26,12 +34,15 @@ DEFAULT_BUDGET = "10m"
 """Of each window."""
 MINUTES = ("cpu", "omnimotion")
 """Presets that have a default budget in minutes, not in steps."""
-OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", *ENGINE_OPTIONS)
+CORRECTING = ("finished", "corrections")
+CORRECTION_BUDGET = "1m"
+"""Of a fit that follows corrections."""
+MAY_CORRECT_WITH = (*CORRECTING, "out", "time_budget", "steps", "device")
+"""Options that `--corrections` heeds."""
+OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", *CORRECTING, *ENGINE_OPTIONS)
 """Options that are not those of a window."""
 MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 """Options that `--resume` heeds."""
-FILES = ("file", "flow_weights", "feature_weights")
-"""Options that name files, which machines of a cluster find by their full names."""
 
 
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
@@ -41,13 +52,24 @@ FILES = ("file", "flow_weights", "feature_weights")
     "--time-budget",
     type=Duration(),
     help="End after this much wall time, preparation included (30s, 10m, 1h); windows share it by their length.  "
-    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each window; none with paper]",
+    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each window; none with paper; "
+    f"{CORRECTION_BUDGET} with --corrections]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @supervision_options
 @window_options
 @engine_options("windows")
 @click.option("--resume", is_flag=True, help="Continue the run in --out where it stopped.")
+@click.option(
+    "--corrections",
+    type=click.Path(path_type=Path),
+    metavar="CSV",
+    help="Go on from the finished fit --run so that it agrees with these (docs/corrections.md), in a new run.  "
+    "[default of --out: RUN-corrected]",
+)
+@click.option(
+    "--run", "finished", type=click.Path(path_type=Path), help="Folder of the run to correct, which stays as it is."
+)
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
 @seed_option
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
@@ -61,6 +83,8 @@ def command(
     shots: str,
     window: int | str,
     resume: bool,
+    corrections: Path | None,
+    finished: Path | None,
     rebuild_cache: bool,
     seed: int,
     device: str,
@@ -79,16 +103,26 @@ def command(
     supervision = Supervision(**options)
     if time_budget is not None and steps is not None:
         raise ConfigError("give --time-budget or --steps, not both")
+    if (finished is None) != (corrections is None):
+        raise ConfigError("--run and --corrections go together: the run to correct, and what to correct in it")
+    if finished is not None and corrections is not None:
+        if decided := given_names(context, MAY_CORRECT_WITH):
+            raise ConfigError(f"a correction goes on with the run's own configuration; leave out {', '.join(decided)}")
+        _correct(clip, finished, corrections, out, time_budget, steps, device)
+        return
     frames = read_clip(clip)
     folder = out if out is not None else Path("runs") / frames.name
     check_folder("--out", folder)
 
     from decomotion.long_clip import check_no_files, fit_windows, lay_out, read_windows
+    from decomotion.record import check_resumable
     from decomotion.windows import FILE_NAME
 
-    decided, forwarded = _given(context, MAY_RESUME_WITH), _forwarded(context)
+    decided, passed_on = given_names(context, MAY_RESUME_WITH), forwarded(context, OF_THE_WHOLE)
     how = {"steps": steps, "resume": resume, "rebuild_cache": rebuild_cache, "seed": seed, "device": device}
     goes_on = resume and (folder / FILE_NAME).is_file()
+    if resume:
+        check_resumable(folder)
     if resume and not goes_on:
         if decided and not _are_the_runs(folder, supervision.config(), seed, rebuild_cache):
             raise ConfigError(_resume_refused(decided))
@@ -97,9 +131,9 @@ def command(
     each = None  # seconds of a window, where neither a time nor steps are given
     if goes_on:
         layout, _, begun_with = read_windows(folder)
-        if forwarded and forwarded != begun_with:
+        if passed_on and passed_on != begun_with:
             raise ConfigError(_resume_refused(decided))
-        forwarded = begun_with
+        passed_on = begun_with
     else:
         config, layout = supervision.config(), lay_out(frames, window, shots)
         if config.preset in MINUTES and time_budget is None and steps is None:
@@ -116,7 +150,7 @@ def command(
 
     longer = resume and (steps is not None or time_budget is not None)
     given = {"steps": steps, "time_budget": time_budget, "longer": longer}
-    fit_windows(clip, frames, layout, folder, forwarded, engine=chosen_engine(**engine_choice), told=announce, **given)
+    fit_windows(clip, frames, layout, folder, passed_on, engine=chosen_engine(**engine_choice), told=announce, **given)
     click.echo(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
         f"windows: {folder}"
@@ -154,6 +188,44 @@ def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:
     click.echo(f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}): {folder}")
 
 
+def _correct(
+    clip: Path,
+    finished: Path,
+    corrections: Path,
+    out: Path | None,
+    time_budget: float | None,
+    steps: int | None,
+    device: str,
+) -> None:
+    from decomotion.clip import read_clip
+    from decomotion.corrections.file import read_corrections
+    from decomotion.outputs import check_new_folder
+
+    folder = out if out is not None else _beside(finished)
+    check_new_folder("--out", folder)
+    frames = read_clip(clip)
+    points = read_corrections(corrections, frames)
+
+    from decomotion.corrections.fit import correct
+    from decomotion.memory import kept_memory
+    from decomotion.schedule import Budget
+
+    seconds = time_budget if steps is not None or time_budget else Duration().convert(CORRECTION_BUDGET, None, None)
+    budget = Budget(steps or 1, seconds)
+    with kept_memory():
+        correct(frames, finished, corrections, points, folder, budget=budget, device=device, stopping=interrupt_flag)
+    click.echo(f"corrected {len(points)} point{'s' * (len(points) > 1)} of {frames.name}: {finished}")
+    click.echo(f"wrote {folder}")
+
+
+def _beside(finished: Path) -> Path:
+    """A folder beside that of a run, which is not there yet."""
+    run = finished if finished.name not in ("", "..") else finished.resolve()
+    name = f"{run.name}-corrected"
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    return next(folder for folder in map(run.with_name, names) if not folder.exists())
+
+
 def _are_the_runs(folder: Path, config: Config, seed: int, rebuild_cache: bool) -> bool:
     """Whether the run in `folder` was begun with these."""
     from decomotion.record import read_record
@@ -164,32 +236,6 @@ def _are_the_runs(folder: Path, config: Config, seed: int, rebuild_cache: bool) 
 
 def _resume_refused(decided: Sequence[str]) -> str:
     return f"--resume continues with the run's own configuration and seed; leave out {', '.join(decided)}"
-
-
-def _forwarded(context: click.Context) -> list[str]:
-    """The options on the command line that every window gets, as arguments."""
-    arguments = []
-    for option in _options(context, OF_THE_WHOLE):
-        value = context.params[option.name or ""]
-        for each in value if option.multiple else [value]:
-            text = str(Path(each).absolute()) if option.name in FILES else str(each)
-            arguments += [option.opts[0]] if option.is_flag else [option.opts[0], text]
-    return arguments
-
-
-def _given(context: click.Context, but_for: Sequence[str]) -> list[str]:
-    """The names of the options on the command line, without those called `but_for`."""
-    return [option.opts[0] for option in _options(context, but_for)]
-
-
-def _options(context: click.Context, but_for: Sequence[str]) -> list[click.Option]:
-    return [
-        each
-        for each in context.command.params
-        if isinstance(each, click.Option)
-        and each.name not in (None, *but_for)
-        and context.get_parameter_source(each.name or "") is ParameterSource.COMMANDLINE
-    ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

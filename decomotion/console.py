@@ -2,35 +2,44 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import click
 
 from decomotion.errors import InputError, TrainingError
+from decomotion.extras import remedy
 from decomotion.files import DISK_FAILURES
 
 BAD_INPUT = 2
 INTERRUPTED = 130
 ENDS_WITH_STDIN = "DECOMO_ENDS_WITH_STDIN"
 """Environment variable: with it a command ends when its standard input is closed, as whoever began it has ended."""
+PATIENCE = 20
+"""Seconds that such a command has to end as by Ctrl-C; a fit saves itself then."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
 def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
     """Runs `command` on `argv` (default: the process's arguments) and returns the exit code.
 
-    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of the training extra
-    that is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
+    0 when it worked, 2 after bad input, a file that cannot be read or written, or a library of an extra that
+    is not installed, 1 after a failed optimisation, 130 after Ctrl-C.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     for package in OUR_PACKAGES:
         logging.getLogger(package).setLevel(logging.INFO)
+    if isinstance(
+        sys.stdout, io.TextIOWrapper
+    ):  # on Windows a file or pipe may be of 256 characters: names have others
+        sys.stdout.reconfigure(errors="backslashreplace")
     if os.environ.pop(ENDS_WITH_STDIN, None):
         threading.Thread(target=_end_with_stdin, daemon=True).start()
     try:
@@ -46,7 +55,7 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
         library = (error.name or "").split(".")[0]
         if library in OUR_PACKAGES:
             raise
-        click.echo(f"Error: {library} is not installed; run: pip install 'decomotion[train]'", err=True)
+        click.echo(f"Error: {library} is not installed; run: {remedy(library)}", err=True)
         return BAD_INPUT
     except OSError as error:
         if error.filename is None and error.errno not in DISK_FAILURES:
@@ -63,7 +72,9 @@ def run(command: click.Command, argv: Sequence[str] | None = None) -> int:
 
 
 def versioned(command: click.Command) -> click.Command:
-    """The same command, with the option `--version`."""
+    """The same command, with the option `--version`; so are the commands of a group."""
+    for each in command.commands.values() if isinstance(command, click.Group) else ():
+        versioned(each)
     if all(parameter.name != "version" for parameter in command.params):
         click.version_option(package_name="decomotion", message="%(prog)s %(version)s")(command)
     return command
@@ -73,6 +84,8 @@ def _end_with_stdin() -> None:
     with suppress(OSError, ValueError):
         while os.read(sys.stdin.fileno(), 1):
             pass
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(PATIENCE)
     os._exit(INTERRUPTED)
 
 

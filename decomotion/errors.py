@@ -33,12 +33,20 @@ class SupervisionError(InputError):
     """Flow, features or masks given by the user do not fit the clip."""
 
 
+class CorrectionError(InputError):
+    """Corrections cannot be read, are not of the clip, or contradict each other."""
+
+
 class DownloadError(SupervisionError):
     """Weights of a network that supervises cannot be downloaded."""
 
 
 class EngineError(InputError):
     """The engine that tasks were to run on is not installed, does not answer, or has no room for them."""
+
+
+class BatchError(InputError):
+    """A list of clips cannot be read, or the folder of what is made of them is of other settings."""
 
 
 class TrainingError(RuntimeError):

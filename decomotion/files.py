@@ -7,12 +7,17 @@ import hashlib
 import os
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What a write may end in; such an error seldom names a file."""
+WINDOWS_IN_USE = (5, 32)
+"""Its codes of "access denied" and of a "sharing violation"."""
+PAUSES = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""Seconds between attempts to rename what is in use."""
 
 
 def digest_of(file: Path) -> str:
@@ -35,7 +40,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
             yield temporary
             with open(temporary, "rb+") as written:
                 os.fsync(written.fileno())
-            temporary.replace(path)
+            put_in_place(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
 
@@ -54,9 +59,30 @@ def new_folder(path: str | Path) -> Iterator[Path]:
         try:
             temporary.mkdir()
             yield temporary
-            temporary.replace(path)
+            put_in_place(temporary, path)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Renames a file or folder; `path` may be a file in place of a file, or an empty folder in place of a folder.
+
+    Windows renames nothing that is open, onto nothing that is open, and no folder onto another: waits up to a second or
+    two for scanners and the like, then raises an `OSError` that names `path`.
+    """
+    if temporary.is_dir() and path.is_dir():
+        path.rmdir()
+    for pause in (*PAUSES, None):
+        try:
+            temporary.replace(path)
+            return
+        except PermissionError as error:
+            if getattr(error, "winerror", None) not in WINDOWS_IN_USE:
+                raise
+            if pause is None:
+                reason = "it is open in another program; close it there"
+                raise OSError(error.errno, reason, str(path)) from error
+            time.sleep(pause)
 
 
 def check_room(path: Path, size: int) -> None:

@@ -7,7 +7,8 @@ points around. `docs/method.md` says why places, and what the figures can tell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,10 @@ FARTHEST = 1e6
 """Units that a model is off at most; one that leads nowhere is off by as much."""
 AT_ONCE = 256
 """Links whose rays are rendered at a time."""
+
+
+Contradicts = Callable[..., npt.NDArray[np.bool_]]
+"""Tells links by `frame` and `target` [link], `xy` and `target_xy` [link, 2] in pixels."""
 
 
 class HeldOut:
@@ -73,13 +78,28 @@ class _Links:
     weight: npt.NDArray[np.float64]
     """[link]: how many of all held-out links each stands for, but for a factor."""
 
+    def without(self, which: npt.NDArray[np.bool_]) -> _Links:
+        """The others."""
+        return _Links(**{each.name: getattr(self, each.name)[~which] for each in fields(self)})
 
-def measure(model: DecoMotion, pool: Pool, held_out: HeldOut, *, seed: int, steps: int) -> Quality | None:
+
+def measure(
+    model: DecoMotion,
+    pool: Pool,
+    held_out: HeldOut,
+    contradicts: Contradicts | None = None,
+    *,
+    seed: int,
+    steps: int,
+) -> Quality | None:
     """How good the model is after so many steps; None where no link is held out whose target is known.
 
-    It looks at some thousands of links, which `seed` decides: about as long as two steps take.
+    It looks at some thousands of links, which `seed` decides: about as long as two steps take. Those that `contradicts`
+    tells are left out: something is known better.
     """
     links = _drawn(pool, held_out, generator(seed, "held-out links"))
+    if contradicts is not None:
+        links = links.without(contradicts(links.frame, links.xy, links.target, links.target_xy))
     if not len(links.frame):
         return None
     led_to, is_static = _followed(model, links)

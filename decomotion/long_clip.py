@@ -14,11 +14,10 @@ import json
 import logging
 import re
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from decomotion import record
@@ -29,7 +28,7 @@ from decomotion.data.flow.config import FolderFlowConfig
 from decomotion.errors import CheckpointError, ClipError, ConfigError, TrainingError
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.lock import alone
-from decomotion.jobs.task import Outcome, run_stages
+from decomotion.jobs.task import Outcome, Place, run_stages
 from decomotion.options import WHOLE
 from decomotion.presets import AUTO
 from decomotion.times import is_steady
@@ -88,15 +87,19 @@ def windows_of(clip: Clip, longest: int | None, cuts: Sequence[int]) -> Windows:
     return Windows(*facts, split(len(clip), cuts, longest), seconds, clip.pixel_aspect)
 
 
-def check_no_files(config: DataConfig) -> None:
-    """Raises `ConfigError` where flow, masks or tracks are the user's own, which go with the frames of the clip."""
+def own_files(config: DataConfig) -> list[str]:
+    """Options whose flow, masks or tracks are the user's own, which go with the frames of one clip."""
     given = {
         "--flow": isinstance(config.flow, FolderFlowConfig),
         "--masks": config.masks not in ("auto", "none"),
         "--tracks": config.tracks is not None,
     }
-    named = " and ".join(option for option, is_given in given.items() if is_given)
-    if named:
+    return [option for option, is_given in given.items() if is_given]
+
+
+def check_no_files(config: DataConfig) -> None:
+    """Raises `ConfigError` where there are `own_files`."""
+    if named := " and ".join(own_files(config)):
         raise ConfigError(
             f"{named} with several windows: files of the whole clip do not fit its parts; fit CLIP@A:B one by one, "
             "each with files of its own, or the whole clip as one with --window all"
@@ -120,20 +123,15 @@ class WindowTask:
     """Whether what decomo-train prints goes to a file."""
     attempts: int = ATTEMPTS
 
-    def attempt(self, number: int, threads: int, variables: Mapping[str, str] = MappingProxyType({})) -> Outcome:
+    def attempt(self, number: int, place: Place) -> Outcome:
         """Fits the window, or goes on with it: see `decomotion.jobs.task.Task`."""
         self.folder.mkdir(parents=True, exist_ok=True)
         begun = record.read_record(self.folder) is not None
         how = ["--resume"] if begun else self.options
         line = [*COMMAND, self.source, "--out", str(self.folder), "--shots", "ignore", "--window", "all"]
         stages = [("train", [*line, *how, *self.budget])]
-        seconds, error = run_stages(stages, self.folder / "log.txt" if self.logged else None, threads, variables)
-        return Outcome(self.name, number, seconds, error)
-
-    def is_finished(self) -> bool:
-        """Whether its budget is spent."""
-        found = record.read_record(self.folder)
-        return found is not None and found.finished and (self.folder / record.CHECKPOINT).is_file()
+        ended = run_stages(stages, self.folder / "log.txt" if self.logged else None, place)
+        return Outcome(self.name, number, ended.seconds, ended.error)
 
 
 def fit_windows(
@@ -184,15 +182,14 @@ def fit_windows(
                 given = (tuple(options), tuple(budget), jobs > 1)
                 tasks.append(WindowTask(window.name, part, folder / window.name, *given))
 
-            def ready(task: WindowTask) -> Outcome | None:
-                if task.is_finished() and not longer:
+            def ready(task: WindowTask) -> WindowTask | Outcome:
+                if record.is_finished(task.folder) and not longer:
                     return Outcome(task.name, 0, {}, None)
                 log.info("%s of %d, frames %s", task.name, len(tasks), task.source.rpartition("@")[2])
-                return None
+                return task
 
             for done, outcome in enumerate(run_tasks(tasks, room, ready, lambda _, outcome: outcome), 1):
-                how = f"failed: {outcome.error}" if outcome.error else "finished" if outcome.attempts else "was there"
-                log.info("%s %s (%d of %d)", outcome.name, how, done, len(tasks))
+                log.info("%s %s (%d of %d)", outcome.name, outcome.words, done, len(tasks))
                 failed += [outcome] if outcome.error else []
     if failed:
         reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in failed)
@@ -222,7 +219,7 @@ def _claim(folder: Path, clip: Clip, layout: Windows, options: Sequence[str]) ->
         raise CheckpointError(
             f"{folder} was begun with another {' and '.join(different)}; give those again, --resume, or another --out"
         )
-    for former in (record.CHECKPOINT, record.FILE_NAME, "config.yaml"):
+    for former in (record.CHECKPOINT, record.FILE_NAME, record.CORRECTIONS, "config.yaml"):
         (folder / former).unlink(missing_ok=True)
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from decomotion.errors import ConfigError
 from decomotion.presets import AUTO, AUTO_PRESET, PRESETS
@@ -170,3 +171,41 @@ def window_options(command: Function) -> Function:
         f"than 128, {WHOLE}: the whole clip.",
     )
     return shots(window(command))
+
+
+FILES = ("file", "flow_weights", "match_weights", "feature_weights", "tracks")
+"""Arguments that name files, which commands elsewhere find by their full names."""
+PERHAPS_FOLDERS = ("flow", "masks")
+"""Arguments that name a folder, or something else."""
+
+
+def forwarded(context: click.Context, but_for: Sequence[str], base: Path | None = None) -> list[str]:
+    """The options that a command was given, without those called `but_for`, as arguments of another.
+
+    Files get their full names, from the folder `base` on; default: the working directory.
+    """
+    base = Path.cwd() if base is None else base.absolute()
+    arguments = []
+    for option in _given(context, but_for):
+        value = context.params[option.name or ""]
+        for each in value if option.multiple else [value]:
+            text = str(each)
+            if option.name in FILES or (option.name in PERHAPS_FOLDERS and (base / text).is_dir()):
+                text = str(base / text)
+            arguments += [option.opts[0]] if option.is_flag else [option.opts[0], text]
+    return arguments
+
+
+def given_names(context: click.Context, but_for: Sequence[str] = ()) -> list[str]:
+    """The names of the options that a command was given, without the arguments called `but_for`."""
+    return [option.opts[0] for option in _given(context, but_for)]
+
+
+def _given(context: click.Context, but_for: Sequence[str]) -> list[click.Option]:
+    return [
+        each
+        for each in context.command.params
+        if isinstance(each, click.Option)
+        and each.name not in (None, *but_for)
+        and context.get_parameter_source(each.name or "") is ParameterSource.COMMANDLINE
+    ]

@@ -7,7 +7,7 @@ which are the clip's own. `decomotion.held_out` measures; `docs/method.md` says 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -114,6 +114,11 @@ class Quality:
     def as_json(self) -> str:
         """What `parse` reads."""
         return json.dumps(asdict(self))
+
+
+def worst(qualities: Iterable[Quality | None]) -> Quality | None:
+    """Of several windows', that which misses its held-out links the most in the median; None where none tells."""
+    return max((each for each in qualities if each is not None), key=lambda each: each.all.median, default=None)
 
 
 def parse(text: str) -> Quality:

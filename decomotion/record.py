@@ -16,6 +16,9 @@ FILE_NAME = "run.json"
 CHECKPOINT = "checkpoint.pt"
 """Beside it, as soon as there is a model: `decomotion.checkpoint`, which needs torch."""
 
+CORRECTIONS = "corrections.csv"
+"""Beside it in a run that was made from another by corrections, which cannot be resumed: `decomotion.corrections`."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -54,3 +57,18 @@ def read_record(folder: Path) -> Record | None:
         return TypeAdapter(Record).validate_json(file.read_bytes())
     except ValidationError as error:
         raise CheckpointError(f"{file} does not tell what the run was begun with; train again") from error
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether the budget of the run in `folder` is spent. Raises `CheckpointError` as `read_record`."""
+    found = read_record(folder)
+    return found is not None and found.finished and (folder / CHECKPOINT).is_file()
+
+
+def check_resumable(folder: Path) -> None:
+    """Raises `CheckpointError` where the run in `folder` was made from another by corrections."""
+    if (folder / CORRECTIONS).is_file():
+        raise CheckpointError(
+            f"{folder} was made by corrections and is finished; give them to decomo-train --run --corrections again, "
+            "with a longer --time-budget, or correct this one further"
+        )

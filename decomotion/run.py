@@ -7,11 +7,13 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Event
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from tqdm import tqdm
 
@@ -23,7 +25,7 @@ from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
 from decomotion.errors import CheckpointError, TrainingError
 from decomotion.files import naming, replacing
-from decomotion.held_out import HeldOut
+from decomotion.held_out import Contradicts, HeldOut
 from decomotion.losses import LOSSES, applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
@@ -47,13 +49,50 @@ def never() -> AbstractContextManager[Event]:
     return nullcontext(Event())
 
 
-class Run:
-    """One optimisation: model, optimiser and sampler, and where they are saved."""
+@dataclass(frozen=True)
+class Lesson:
+    """What a model that was fitted before is to learn besides."""
 
-    def __init__(self, folder: Path, clip: ClipFacts, config: Config, model: DecoMotion, pool: Pool, seed: int) -> None:
+    pool: Pool
+    """From which batches are drawn, in place of the pool that the model was fitted to."""
+    frame_weights: npt.NDArray[np.floating]
+    """[frame]: how often from each."""
+    contradicts: Contradicts
+    """Tells links of that former pool that it is not to be judged by."""
+    steps: int
+    """That the model took before."""
+
+
+class Run:
+    """One optimisation: model, optimiser and sampler, and where they are saved.
+
+    Args:
+        folder: where.
+        clip: facts of the clip.
+        config: the configuration.
+        model: the model, on its device.
+        pool: the clip's links.
+        seed: of everything random.
+        lesson: what a finished model is to learn; None: the links.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        clip: ClipFacts,
+        config: Config,
+        model: DecoMotion,
+        pool: Pool,
+        seed: int,
+        lesson: Lesson | None = None,
+    ) -> None:
         self.folder, self.clip, self.config, self.model, self.pool, self.seed = folder, clip, config, model, pool, seed
+        self.lesson = lesson
         self.held_out = HeldOut(pool, seed)
-        self.sampler = Sampler(pool, config.optim, self.held_out.links)
+        if lesson is None:
+            self.sampler = Sampler(pool, config.optim, self.held_out.links)
+        else:
+            self.sampler = Sampler(lesson.pool, config.optim, frame_weights=lesson.frame_weights)
         set_precision(model, config.optim.autocast)
         self.optimiser = torch.optim.Adam(_parameter_groups(model, config))
         self.losses = applicable(config.loss, config.model.volumes)
@@ -209,7 +248,9 @@ class Run:
 
     def judge(self, writer: Any) -> None:
         """Measures how good the fit is on the links that were held out of it."""
-        self.quality = held_out.measure(self.model, self.pool, self.held_out, seed=self.seed, steps=self.step)
+        contradicts, before = (None, 0) if self.lesson is None else (self.lesson.contradicts, self.lesson.steps)
+        links = (self.pool, self.held_out, contradicts)
+        self.quality = held_out.measure(self.model, *links, seed=self.seed, steps=before + self.step)
         if self.quality is not None:
             with replacing(self.folder / quality.FILE_NAME) as file:
                 file.write_text(self.quality.as_json(), encoding="utf-8")
@@ -222,7 +263,7 @@ class Run:
             log.warning("no link was held out of the fit whose target is known: nothing tells how good it is")
             return
         log.info("%s\n%s", self.quality.summary(), self.quality.table())
-        if warning := self.quality.warning():
+        if self.lesson is None and (warning := self.quality.warning()):
             log.warning("%s; %s", warning, self.remedy())
 
     def remedy(self) -> str:

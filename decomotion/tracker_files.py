@@ -1,12 +1,15 @@
-"""What CoTracker's and TAPNet's code returns, saved as it is under its own names.
+"""What other trackers' code returns, saved as it is under its own names: the one place that knows these layouts.
 
 layout      keys and shapes                                                              from
 CoTracker   pred_tracks [T, N, 2] (x, y), pred_visibility [T, N]; queries [N, 3]         `CoTrackerPredictor`
             (t, x, y). Pixel centres at integers
-TAPNet      query_points [N, 3] (t, y, x), tracks [N, T, 2] (x, y), and one of           TAPIR, BootsTAPIR
+Track-On    pred_trajectory in the place of pred_tracks; pred_visibility is bool         Track-On's `Predictor`
+TAPNet      query_points [N, 3] (t, y, x), tracks [N, T, 2] (x, y), and one of           TAPIR, BootsTAPIR, LocoTrack
             visibles [N, T] | occlusion [N, T] with or without expected_dist [N, T], logits | occluded [N, T];
             pred_tracks and pred_occluded, as `compute_tapvid_metrics` takes them, in their places. The image spans
             0 to W and 0 to H
+TAPNext     query_points [N, 3] (t, y, x), tracks [T, N, 2] (y, x), visible_logits       TAPNext, TAPNext++ (torch)
+            [T, N, 1]. The image spans 0 to W and 0 to H
 
 A leading axis of one video is dropped. The names alone tell the layout; values are checked by who reads the file.
 All functions take `where`, which begins their messages, and the arrays by key, and raise `error` where a key is missing
@@ -29,14 +32,35 @@ COTRACKER_VISIBLE = 0.6
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
-def is_cotracker(content: Arrays) -> bool:
-    """Whether these are the names of CoTracker's layout."""
-    return "pred_visibility" in content
+KEYS = frozenset(
+    [
+        *("queries", "pred_tracks", "pred_visibility", "pred_trajectory", "query_points", "tracks", "visible_logits"),
+        *("visibles", "occlusion", "expected_dist", "occluded", "pred_occluded"),
+    ]
+)
+"""All keys of these layouts."""
 
 
 def is_tapnet(content: Arrays) -> bool:
-    """Whether these are the names of TAPNet's layout."""
-    return "query_points" in content
+    """Whether these are the names of TAPNet's layout or TAPNext's, whose pixels begin at the image's edge."""
+    return "query_points" in content or _is_tapnext(content)
+
+
+def _is_tapnext(content: Arrays) -> bool:
+    return "visible_logits" in content
+
+
+def unpacked(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]] | None:
+    """Tracks [N, T, 2], (x, y), and occluded [N, T]; None where the names are of none of these layouts."""
+    if "pred_visibility" in content:
+        if _is_tapnext(content):
+            raise error(
+                f"{where} has pred_visibility, CoTracker's, and visible_logits, TAPNext's; leave one of them out"
+            )
+        return _cotracker(where, content, error)
+    if _is_tapnext(content):
+        return _tapnext(where, content, error)
+    return _tapnet(where, content, error) if is_tapnet(content) else None
 
 
 def asked_points(where: str, content: Arrays, error: type[InputError]) -> npt.NDArray[Any]:
@@ -47,15 +71,31 @@ def asked_points(where: str, content: Arrays, error: type[InputError]) -> npt.ND
     return np.concatenate([points[:, :1], points[:, :0:-1]], axis=1)
 
 
-def cotracker(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Tracks [N, T, 2], (x, y), and occluded [N, T]."""
+def _cotracker(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     visibility = scores(where, content, "pred_visibility", 2, error)
-    tracks = np.swapaxes(of_one_video(where, content, "pred_tracks", 3, error), 0, 1)
+    key = "pred_tracks"
+    if "pred_trajectory" in content:
+        if key in content:
+            raise error(f"{where} has {key}, CoTracker's, and pred_trajectory, Track-On's; leave one of them out")
+        key = "pred_trajectory"
+        if not np.isin(visibility, (0, 1)).all():
+            raise error(f"{where} must hold true or false as pred_visibility beside pred_trajectory, Track-On's")
+    tracks = np.swapaxes(of_one_video(where, content, key, 3, error), 0, 1)
     return tracks, ~(visibility if visibility.dtype == bool else visibility > COTRACKER_VISIBLE).T
 
 
-def tapnet(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Tracks [N, T, 2], (x, y), and occluded [N, T]."""
+def _tapnext(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    logits = scores(where, content, "visible_logits", 3, error)
+    tracks = of_one_video(where, content, "tracks", 3, error)
+    if logits.shape[2] != 1 or tracks.shape[2] != 2:
+        raise error(
+            f"{where} has tracks {list(tracks.shape)} and visible_logits {list(logits.shape)}; they must be "
+            "[T, N, 2] and [T, N, 1], as TAPNext returns them"
+        )
+    return np.swapaxes(tracks, 0, 1)[..., ::-1], ~(logits[..., 0] > 0).T
+
+
+def _tapnet(where: str, content: Arrays, error: type[InputError]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     key = "pred_tracks" if "pred_tracks" in content else "tracks"
     return of_one_video(where, content, key, 3, error), _tapnet_occluded(where, content, error)
 

@@ -28,8 +28,8 @@ from decomotion.geometry import ImagePlane
 from decomotion.long_clip import check_one_shot
 from decomotion.model.fusion import DecoMotion
 from decomotion.presets import AUTO_PRESET
+from decomotion.record import CORRECTIONS, Record, check_resumable, read_record
 from decomotion.record import FILE_NAME as RECORD
-from decomotion.record import Record, read_record
 from decomotion.run import Run, Stopping, never
 from decomotion.schedule import Budget
 
@@ -70,10 +70,15 @@ def fit(
         stopping: says when to stop between two steps, and save; by default nobody does, and Ctrl-C leaves the last
             checkpoint.
 
-    Returns: the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
+    Returns:
+        the run's folder, which holds `checkpoint.pt`, `config.yaml`, TensorBoard logs and previews.
 
-    Raises: `ClipError` where the clip cannot be read or has cuts, `SupervisionError`, `CheckpointError`;
-        `TrainingError` where a loss is not a number, `KeyboardInterrupt` where it was told to stop.
+    Raises:
+        ClipError: the clip cannot be read, or has cuts.
+        SupervisionError: what the fit should learn from cannot be made or read.
+        CheckpointError: there is nothing to resume, or what is there is of another clip.
+        TrainingError: a loss is not a number.
+        KeyboardInterrupt: it was told to stop.
     """
     begin = time.monotonic()
     clip = clip if isinstance(clip, Clip) else read_clip(clip)
@@ -110,6 +115,7 @@ def _left(folder: Path, clip: Clip, device: torch.device) -> tuple[Checkpoint | 
     A checkpoint that is not of the run that was begun last is of a former one. Raises `CheckpointError` where there is
     neither, or the run is another clip's.
     """
+    check_resumable(folder)
     record, file = read_record(folder), folder / checkpoint.FILE_NAME
     saved = checkpoint.load(file, device) if record is None or file.is_file() else None
     if saved is not None:
@@ -154,7 +160,8 @@ def _begun(folder: Path, clip: Clip, record: Record, pool: Pool, device: torch.d
     config = record.config
     for former in ("previews", "tensorboard"):
         shutil.rmtree(folder / former, ignore_errors=True)
-    (folder / windows.FILE_NAME).unlink(missing_ok=True)
+    for file in (windows.FILE_NAME, CORRECTIONS):
+        (folder / file).unlink(missing_ok=True)
     starts = (start_maps(config.model.static.start, pool), start_maps(config.model.dynamic.start, pool))
     with first_weights(record.seed):
         model = DecoMotion(config.model, ImagePlane(clip.height, clip.width), starts, pool.feature_size)

@@ -155,7 +155,7 @@ def near_arrays(draw: st.DrawFn, arrays: Mapping[str, npt.NDArray[Any]]) -> Arra
             try:
                 with warnings.catch_warnings(action="ignore"):
                     edited[key] = draw(st.sampled_from(_EDITS))(array)
-            except (ValueError, TypeError, LookupError):  # an edit that this array does not admit
+            except (ValueError, TypeError, LookupError, RuntimeError):  # an edit that this array does not admit
                 edited.pop(key, None)
         elif array.size and array.dtype.kind in "biuf":
             values = array.astype(np.float64)

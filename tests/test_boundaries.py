@@ -29,6 +29,7 @@ GROUND_FLOOR = [
     "decomotion.console",
     "decomotion.entry",
     "decomotion.errors",
+    "decomotion.extras",
     "decomotion.files",
     "decomotion.frame_files",
     "decomotion.frames",
@@ -38,9 +39,12 @@ GROUND_FLOOR = [
     "decomotion.presets",
     "decomotion.pseudo_depth",
     "decomotion.quality",
+    "decomotion.source",
+    "decomotion.tables",
     "decomotion.times",
     "decomotion.tracker_files",
     "decomotion.units",
+    "decomotion.version",
     "decomotion.windows",
 ]
 """What every package may use of the trainer's: small modules without torch."""
@@ -62,12 +66,17 @@ SUPERVISION = [
 FETCHED = {
     "decomo_eval.baselines": [*SUPERVISION, "decomotion.device.choose_device"],
     "decomo_eval.bench.cli": ["decomotion.options"],
-    "decomo_eval.bench.task": ["decomotion.config"],
+    "decomo_eval.bench.run": ["decomotion.config"],
 }
 """What flow baselines and benchmarks fetch of the trainer's, when one is made and not before."""
 OF_AN_EXTRA = {
     "decomotion.jobs.cluster": "ray",
     "decomo_eval.report.charts": "report",
+    "decomotion.batch.page": "report",
+    "decomo_eval.report.published": "report",
+    "decomo_eval.report.writer": "report",
+    "decomotion.data.flow.raft": "raft",
+    "decomotion.data.features.dino": "dino",
     "decomo_runtime.flow.exr": "exr",
 }
 """Modules that fetch what one extra installs, when it is asked for and not before."""
@@ -77,10 +86,20 @@ SHARED_BY_THE_PROCESS = (
 )
 RESTORES = ["decomotion.jobs.cluster"]
 """Modules that change some of it for a while: their tests see it restored."""
-SELDOM_ASKED_FOR = ["ray", "matplotlib", "OpenEXR"]
+SELDOM_ASKED_FOR = ["ray", "jinja2", "matplotlib", "yaml", "OpenEXR"]
 """What those extras install."""
 TORCH_FREE = ["decomo_runtime", "decomo_eval"]
-TRAINING_ONLY = ["torch", "torchvision", "kornia", "onnx", "onnxscript", "safetensors", "tensorboard", "jaxtyping"]
+TRAINING_ONLY = [
+    "torch",
+    "torchvision",
+    "timm",
+    "kornia",
+    "onnx",
+    "onnxscript",
+    "safetensors",
+    "tensorboard",
+    "jaxtyping",
+]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 COMMANDS = PROJECT["scripts"]
 
@@ -181,7 +200,7 @@ def test_every_library_used_is_declared(package: str):
     for module, file in modules_of(package):
         torch_free = package in TORCH_FREE or f"{module}.".startswith(tuple(f"{name}." for name in GROUND_FLOOR))
         own = extras[OF_AN_EXTRA[module]] if module in OF_AN_EXTRA else []
-        requirements = [*base, *own] if torch_free else [*base, *extra]
+        requirements = [*base, *own] if torch_free else [*base, *extra, *own]
         declared = {distribution_name(requirement) for requirement in requirements}
         libraries = {name.split(".")[0] for name in imported_names(file.read_text(), module, False)}
         for library in libraries - set(PACKAGES) - set(sys.stdlib_module_names):

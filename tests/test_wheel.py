@@ -87,11 +87,23 @@ def test_wheel_holds_packages_configs_and_licence_and_nothing_else(wheel: Path):
     assert {name for name in names if name.endswith(".py")} == in_tree
 
 
-@pytest.mark.parametrize("library", ["torch", "torchvision", "kornia", "onnx"])
-def test_training_libraries_are_absent(library: str, bin_folder: Path, tmp_path: Path):
+@pytest.mark.parametrize("library", ["torch", "torchvision", "timm", "kornia", "onnx", "jinja2", "matplotlib", "yaml"])
+def test_libraries_of_extras_are_absent(library: str, bin_folder: Path, tmp_path: Path):
     result = run(bin_folder / "python", "-c", f"import {library}", cwd=tmp_path)
     assert result.returncode == 1
     assert f"No module named '{library}'" in result.stderr
+
+
+def test_the_base_install_is_small(bin_folder: Path):
+    """As `du -sm` counts it: docs/install.md says how much it is; a library that grows gets some room here."""
+    size = sum(file.lstat().st_blocks * 512 for file in bin_folder.parent.rglob("*"))
+    assert size / 2**20 < 480
+
+
+def test_info_shows_the_card(bin_folder: Path, sample: Path):
+    card = json.loads(succeeds(bin_folder / "decomo-info", "models/sample.onnx", "--json", cwd=sample))
+    assert (card["clip_name"], card["num_frames"], card["height"], card["width"]) == ("sample", FRAMES, SIZE, SIZE)
+    assert "clip         sample\n" in succeeds(bin_folder / "decomo", "info", "models/sample.onnx", cwd=sample)
 
 
 def test_query_from_python(bin_folder: Path, sample: Path):

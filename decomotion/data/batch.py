@@ -57,12 +57,20 @@ class Sampler:
         pool: the prepared correspondences.
         config: sizes of a batch and share of hard points.
         held_out: links whose target is unknown to all batches; None: none.
+        frame_weights: [frame], how often points are drawn from each; None: from all as often.
     """
 
-    def __init__(self, pool: Pool, config: OptimConfig, held_out: WhichLinks | None = None) -> None:
+    def __init__(
+        self,
+        pool: Pool,
+        config: OptimConfig,
+        held_out: WhichLinks | None = None,
+        frame_weights: npt.NDArray[np.floating] | None = None,
+    ) -> None:
         self._pool = pool
         self._config = config
         self._held_out = held_out
+        self._frame_weights = None if frame_weights is None else _tensor(frame_weights)
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in units (OmniMotion's error maps)."""
         self._hard = round(config.points * config.hard_mining)
@@ -77,7 +85,10 @@ class Sampler:
         """
         pool, config = self._pool, self._config
         frames = pool.num_frames
-        frame = torch.randint(frames, (config.pairs,), generator=generator)
+        if self._frame_weights is None:
+            frame = torch.randint(frames, (config.pairs,), generator=generator)
+        else:
+            frame = torch.multinomial(self._frame_weights, config.pairs, replacement=True, generator=generator)
         gap = torch.randint(1, longest_gap + 1, (config.pairs,), generator=generator)
         ahead = torch.rand(config.pairs, generator=generator) < 0.5
         target = torch.where(ahead, frame + gap, frame - gap)

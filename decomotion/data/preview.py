@@ -7,8 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-import torch
-from torchvision.utils import flow_to_image
 
 from decomotion import images
 from decomotion.clip import Clip
@@ -40,8 +38,7 @@ def sheet(clip: Clip, pool: Pool, grid: tuple[int, int]) -> Image:
     shown = [int(frame) for frame in np.unique(np.linspace(0, len(clip) - 1, min(ROWS, len(clip))).round())]
     count = grid[0] * grid[1]
     flows = [_displacement(pool, frame, _other(shown, frame), count) for frame in shown]
-    stacked = torch.from_numpy(np.stack(flows).reshape(len(shown), *grid, 2))
-    colours = flow_to_image(stacked.permute(0, 3, 1, 2).contiguous()).permute(0, 2, 3, 1).numpy().reshape(-1, count, 3)
+    colours = flow_colours(np.stack(flows))
     for number, frame in enumerate(shown):
         colours[number, pool.confidence[frame, _other(shown, frame), :count] == 0] = UNKNOWN_COLOUR
     features = _feature_colours(pool, shown, count)
@@ -73,6 +70,18 @@ def _displacement(pool: Pool, frame: int, other: int, count: int) -> npt.NDArray
     """[point, 2]; 0 where the target is not known."""
     moved = pool.targets[frame, other] - pool.points[frame]
     return np.where((pool.confidence[frame, other] > 0)[:, None], moved, 0)[:count].astype(np.float32)
+
+
+def flow_colours(flow: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """RGB [row, point, 3] of displacements [row, point, 2]: the hue is their direction, and white those of length 0.
+
+    The longest of all has a colour's full strength.
+    """
+    length, degrees = cv2.cartToPolar(flow[..., 0], flow[..., 1], angleInDegrees=True)
+    strength = length / max(float(length.max()), 1e-6)
+    hsv = np.stack([degrees, strength, np.ones_like(strength)], axis=-1).astype(np.float32)
+    colours = np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB))
+    return np.round(255 * colours).astype(np.uint8)
 
 
 def _feature_colours(pool: Pool, shown: list[int], count: int) -> npt.NDArray[np.uint8]:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, FiniteFloat, ValidationError
 
-from decomotion.files import naming
+from decomotion.files import naming, put_in_place
 
 log = logging.getLogger(__name__)
 
@@ -109,12 +109,12 @@ class Stage:
             with naming(self.folder, partial):
                 facts = build(partial)
             seconds = {**facts.pop("seconds", {self.name: time.monotonic() - begin})}
-            files = {str(file.relative_to(partial)): _size(file) for file in partial.rglob("*") if file.is_file()}
+            files = {file.relative_to(partial).as_posix(): _size(file) for file in partial.rglob("*") if file.is_file()}
             content = {"settings": self.settings, "seconds": seconds, "facts": facts, "files": files}
             (partial / RECORD).write_text(json.dumps(content, indent=1), encoding="utf-8")
             if self.folder.exists():  # it keeps serving those that have it open
                 shutil.rmtree(self.folder)
-            partial.rename(self.folder)
+            put_in_place(partial, self.folder)
         return self.record(cached=False)
 
 
@@ -169,7 +169,7 @@ def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
     """Writes a file of a partial stage under a temporary name and renames it: a kill leaves it whole or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     write(temporary)
-    temporary.replace(path)
+    put_in_place(temporary, path)
 
 
 def write_array(path: Path, values: npt.NDArray[Any]) -> None:

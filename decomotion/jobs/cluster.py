@@ -12,7 +12,7 @@ from typing import Any
 
 from decomotion.errors import EngineError
 from decomotion.jobs.engine import Room, first_line
-from decomotion.jobs.task import Outcome, Task
+from decomotion.jobs.task import Outcome, Place, Task
 
 CONNECT_SECONDS = 10
 """After which an address counts as silent; Ray itself would try for minutes."""
@@ -63,17 +63,23 @@ class RayEngine:
                 def submit(task: Task, number: int) -> Future[Outcome]:
                     return remote.remote(task, number, self.cpus, self.gpus > 0).future()
 
-                yield Room(self.jobs or self._room(ray.nodes()), submit)
+                def fit() -> int:
+                    return self._fit(ray.nodes())
+
+                yield Room(self.jobs or self._room(fit()), submit, fit)
             finally:
                 ray.shutdown()
 
-    def _room(self, nodes: list[dict[str, Any]]) -> int:
+    def _fit(self, nodes: list[dict[str, Any]]) -> int:
         """How many attempts fit onto the nodes."""
         resources = [node["Resources"] for node in nodes if node["Alive"]]
         asked = {"CPU": self.cpus, "GPU": self.gpus}
-        fit = sum(
+        return sum(
             min(int(has.get(kind, 0) / number + 1e-6) for kind, number in asked.items() if number) for has in resources
         )
+
+    def _room(self, fit: int) -> int:
+        """How many are submitted, where so many fit. Raises `EngineError` where none does."""
         if not fit:
             raise EngineError(
                 f"no node of the Ray cluster has {self.cpus} CPUs and {self.gpus:g} GPUs; ask for less, or give --jobs "
@@ -91,7 +97,7 @@ def _check_answers(address: str) -> None:
 
 def _attempt(task: Task, number: int, threads: int, on_gpu: bool) -> Outcome:
     # Ray hides what others reserve from those only that reserve some themselves
-    return task.attempt(number, threads, {} if on_gpu else {"CUDA_VISIBLE_DEVICES": ""})
+    return task.attempt(number, Place(threads, {} if on_gpu else {"CUDA_VISIBLE_DEVICES": ""}))
 
 
 @contextmanager

@@ -11,9 +11,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar, runtime_checkable
 
-from decomotion.jobs.task import Outcome, Task
+from decomotion.jobs.task import Outcome, Place, Task
 
 logger = logging.getLogger(__name__)
+
+PATIENCE = 5
+"""Seconds for which a run that is interrupted waits for commands that were interrupted with it: they save first."""
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
@@ -23,9 +26,16 @@ class Room:
     """Room for attempts, while the engine runs."""
 
     jobs: int
-    """Attempts at a time."""
+    """Attempts that are submitted at a time."""
     submit: Callable[[Task, int], Future[Outcome]]
     """Starts an attempt of a task, by its number from 1. An exception of the future's is an attempt that was lost."""
+    fit: Callable[[], int] | None = None
+    """How many there is room for now, where that may be fewer: others wait."""
+
+    @property
+    def at_a_time(self) -> int:
+        """Attempts that run beside one another, as far as can be told now."""
+        return self.jobs if self.fit is None else max(1, min(self.jobs, self.fit()))
 
 
 @runtime_checkable
@@ -47,19 +57,31 @@ class LocalEngine:
 
     @contextmanager
     def start(self) -> Iterator[Room]:
-        """Waits in the end for what runs."""
+        """Left before all is done, it ends what still runs: by Ctrl-C, after `PATIENCE`."""
         threads = self.threads or max(1, (os.cpu_count() or 1) // self.jobs)
         pool = ThreadPoolExecutor(self.jobs, thread_name_prefix="decomo-job")
+        begun: list[Future[Outcome]] = []
+        lifeline, end = os.pipe()
+
+        def submit(task: Task, number: int) -> Future[Outcome]:
+            begun.append(pool.submit(task.attempt, number, Place(threads, lifeline=lifeline)))
+            return begun[-1]
+
         try:
-            yield Room(self.jobs, lambda task, number: pool.submit(task.attempt, number, threads))
+            yield Room(self.jobs, submit)
+        except KeyboardInterrupt:
+            wait(begun, PATIENCE)
+            raise
         finally:
+            os.close(end)
             pool.shutdown(cancel_futures=True)
+            os.close(lifeline)
 
 
 def run_tasks(
     tasks: Sequence[AnyTask],
     room: Room,
-    ready: Callable[[AnyTask], Outcome | None],
+    ready: Callable[[AnyTask], AnyTask | Outcome],
     record: Callable[[AnyTask, Outcome], Outcome],
 ) -> Iterator[Outcome]:
     """Runs the tasks; yields the last outcome of each, as they come.
@@ -69,7 +91,8 @@ def run_tasks(
     Args:
         tasks: in the order in which they are begun.
         room: where they run.
-        ready: makes ready what an attempt needs; gives the outcome of a task that needs none, or can have none.
+        ready: makes ready what an attempt needs, and gives the task as it is to be run; of one that needs no attempt,
+            or can have none, its outcome.
         record: keeps what came of an attempt, and returns it as it is to be told: an attempt may have been lost and yet
             have come to its end.
     """
@@ -78,13 +101,14 @@ def run_tasks(
     while queue or running:
         while queue and len(running) < room.jobs:
             task, number = queue.popleft()
-            if outcome := ready(task):
-                yield outcome
+            prepared = ready(task)
+            if isinstance(prepared, Outcome):
+                yield prepared
             else:
-                running[room.submit(task, number)] = task, number
+                running[room.submit(prepared, number)] = prepared, number
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             task, number = running.pop(future)
-            outcome = record(task, replace(_outcome(task, number, future), jobs=room.jobs))
+            outcome = record(task, replace(_outcome(task, number, future), jobs=room.at_a_time))
             if outcome.error is None or number == task.attempts:
                 yield outcome
             else:

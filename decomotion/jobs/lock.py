@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from decomotion.errors import InputError
 
 
@@ -16,13 +18,14 @@ def alone(folder: Path, command: str, error: type[InputError]) -> Iterator[None]
     Raises `error` where one is at work on it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / f".{command}.lock", "w") as file:
-        try:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as cause:
-            raise error(f"another {command} is at work in {folder}; wait for it, or give another --out") from cause
-        except (OSError, ModuleNotFoundError):  # no locks in this network folder, or none of this kind on this system
-            pass
+    lock = FileLock(folder / f".{command}.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as cause:
+        raise error(f"another {command} is at work in {folder}; wait for it, or give another --out") from cause
+    except (OSError, NotImplementedError):  # no locks in this network folder
+        pass
+    try:
         yield
+    finally:
+        lock.release()

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Protocol, runtime_checkable
 
-from decomotion.console import ENDS_WITH_STDIN
+from decomotion.console import BAD_INPUT, ENDS_WITH_STDIN
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,32 @@ class Outcome:
     attempts: int
     """0: it was finished before."""
     seconds: dict[str, float]
-    """Wall time of each stage of the last attempt."""
+    """Wall time of each stage, of the last attempt that came to it."""
     error: str | None
     """The last attempt's, or None where the result is there."""
     jobs: int | None = None
     """Tasks at a time in the run that did it; None where that was not noted."""
     clip: str | None = None
     """Digest of the clip that it is about; None where that was not noted."""
+
+    @property
+    def words(self) -> str:
+        """How it went, for those who wait."""
+        if self.error is not None:
+            return f"failed: {self.error}"
+        return "finished" if self.attempts else "was there"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an attempt runs, and what it may use there."""
+
+    threads: int
+    """Of OpenMP, and so of torch."""
+    variables: Mapping[str, str] = field(default_factory=dict)
+    """Further ones of the commands' environment."""
+    lifeline: int | None = None
+    """Read end of a pipe: when its other end is closed, the commands end. None: when this process ends."""
 
 
 @runtime_checkable
@@ -45,44 +64,49 @@ class Task(Protocol):
         """How often it is tried."""
         ...
 
-    def attempt(self, number: int, threads: int, variables: Mapping[str, str] = ...) -> Outcome:
-        """Does it. A command that fails is an outcome, not an exception.
-
-        Args:
-            number: of the attempt, from 1.
-            threads: of OpenMP, and so of torch.
-            variables: further ones of the commands' environment.
-        """
+    def attempt(self, number: int, place: Place) -> Outcome:
+        """Does it, the `number`th time, from 1. A command that fails is an outcome, not an exception."""
         ...
 
 
-def run_stages(
-    stages: Iterable[tuple[str, Sequence[str]]], log: Path | None, threads: int, variables: Mapping[str, str]
-) -> tuple[dict[str, float], str | None]:
-    """Runs python with each stage's arguments until one fails; returns their wall seconds, and why it failed.
+@dataclass(frozen=True)
+class Ended:
+    """How the stages of an attempt ended."""
+
+    seconds: dict[str, float]
+    """Wall time of each that began."""
+    error: str | None
+    """Why the last one failed; None where none did."""
+    refused: str | None = None
+    """The stage that refused what it was given, with exit code 2; None where none did."""
+
+
+def run_stages(stages: Iterable[tuple[str, Sequence[str]]], log: Path | None, place: Place) -> Ended:
+    """Runs python with each stage's arguments until one fails; the next stage is asked for when one has ended.
 
     What they print goes to the file `log`; None: to this process's own output.
     """
     seconds: dict[str, float] = {}
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **variables}
+    environment = {**os.environ, "OMP_NUM_THREADS": str(place.threads), **place.variables}
     output = None if log is None else open(log, "wb")  # noqa: SIM115
     try:
         for stage, arguments in stages:
             begin = time.monotonic()
-            code = _run([sys.executable, *arguments], output, environment)
+            code = _run([sys.executable, *arguments], output, environment, place.lifeline)
             seconds[stage] = round(time.monotonic() - begin, 1)
             if code:
-                return seconds, _why(stage, code, log)
+                return Ended(seconds, _why(stage, code, log), stage if code == BAD_INPUT else None)
     finally:
         if output is not None:
             output.close()
-    return seconds, None
+    return Ended(seconds, None)
 
 
-def _run(line: Sequence[str], output: BinaryIO | None, environment: Mapping[str, str]) -> int:
+def _run(line: Sequence[str], output: BinaryIO | None, environment: Mapping[str, str], lifeline: int | None) -> int:
     """The exit code. Whatever ends this process ends the command too: its standard input, a pipe, is closed then."""
     environment = {**environment, ENDS_WITH_STDIN: "1"}
-    with subprocess.Popen(line, stdin=subprocess.PIPE, stdout=output, stderr=output, env=environment) as process:
+    stdin = subprocess.PIPE if lifeline is None else lifeline
+    with subprocess.Popen(line, stdin=stdin, stdout=output, stderr=output, env=environment) as process:
         return process.wait()
 
 

@@ -17,7 +17,7 @@ from decomotion.rays import lift
 
 OBJECT_SHARE = 0.1
 """The dynamic volume owns a pixel where its share of the fused weight is above this: the blurred rim of an object goes
-with the object (M45 in docs/experiments.md). Of a ray without weight that share is 0."""
+with the object (M45 in docs/research/model.md). Of a ray without weight that share is 0."""
 
 
 @dataclass(frozen=True)

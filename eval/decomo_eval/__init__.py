@@ -1,4 +1,4 @@
-"""Scoring of point tracks against TAP-Vid ground truth: numpy, OpenCV and click, no torch.
+"""Scoring of point tracks against ground truth, TAP-Vid's and other datasets': numpy, OpenCV and click, no torch.
 
     report = decomo_eval.evaluate("tapvid_davis.pkl", models="models/", query_mode="strided")
     report.mean["average_jaccard"]
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from decomo_eval.dataset import read_dataset
     from decomo_eval.metrics import tapvid_metrics, temporal_coherence
     from decomo_eval.predictions import Prediction
+    from decomo_eval.redetection import redetection
     from decomo_eval.scoring import Report, evaluate
     from decomo_eval.tapvid import sample_queries
 
@@ -25,6 +26,7 @@ __all__ = [
     "Report",
     "evaluate",
     "read_dataset",
+    "redetection",
     "sample_queries",
     "tapvid_metrics",
     "temporal_coherence",
@@ -36,6 +38,7 @@ _HOMES = {
     "Report": "decomo_eval.scoring",
     "evaluate": "decomo_eval.scoring",
     "read_dataset": "decomo_eval.dataset",
+    "redetection": "decomo_eval.redetection",
     "sample_queries": "decomo_eval.tapvid",
     "tapvid_metrics": "decomo_eval.metrics",
     "temporal_coherence": "decomo_eval.metrics",

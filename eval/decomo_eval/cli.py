@@ -1,8 +1,8 @@
-"""`decomo-eval`: a tracker's score on a TAP-Vid dataset."""
+"""`decomo-eval`: a tracker's score on a dataset of true tracks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.names import BASELINES, FLOWS, ORIGINAL, RESOLUTIONS
-from decomo_eval.query_mode import QUERY_MODES, STRIDED
+from decomo_eval.names import BASELINES, DATASETS, FLOWS, ORIGINAL, RESOLUTIONS
+from decomo_eval.query_mode import QUERY_MODES
 from decomotion import console
 
 if TYPE_CHECKING:
@@ -27,6 +27,9 @@ def cli() -> None:
 @cli.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(path_type=Path))
 @click.option(
+    "--dataset", "dataset_name", type=click.Choice(DATASETS), help="What DATASET is.  [default: its files tell]"
+)
+@click.option(
     "--models",
     metavar="DIR",
     type=click.Path(path_type=Path),
@@ -36,7 +39,7 @@ def cli() -> None:
     "--predictions",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of <video>.npz, answers of any tracker to the same queries, CoTracker's, TAPNet's or PIPs'.",
+    help="Folder of <video>.npz, answers of any tracker to the same queries, as its own code returns them.",
 )
 @click.option(
     "--baseline",
@@ -53,8 +56,8 @@ def cli() -> None:
 @click.option(
     "--query-mode",
     type=click.Choice(QUERY_MODES),
-    default=STRIDED,
-    help="Query every fifth frame, or each point where it is first visible.",
+    help="Query every fifth frame, or each point where it is first visible.  "
+    "[default: strided; first of other datasets than TAP-Vid's and your own]",
 )
 @click.option("--videos", metavar="A,B", help="Score these videos only.  [default: all that have a file]")
 @click.option(
@@ -87,13 +90,14 @@ def cli() -> None:
 )
 def tapvid(
     dataset: Path,
+    dataset_name: str | None,
     models: Path | None,
     predictions: Path | None,
     baseline: str | None,
     flow: str,
     flow_weights: str | None,
     resolution: str | None,
-    query_mode: str,
+    query_mode: str | None,
     videos: str | None,
     object_masks: Path | None,
     json_path: Path | None,
@@ -101,9 +105,10 @@ def tapvid(
     plots_folder: Path | None,
     overlay_folder: Path | None,
 ) -> None:
-    """Score a tracker on DATASET, a TAP-Vid pickle or folder; distances are pixels at 256x256."""
+    """Score a tracker on DATASET, a TAP-Vid pickle or a dataset's folder; distances are pixels at 256x256."""
     import json
 
+    from decomo_eval.dataset import chosen_reader
     from decomo_eval.scoring import evaluate
     from decomotion.files import replacing
     from decomotion.outputs import check_folder, check_output
@@ -116,6 +121,7 @@ def tapvid(
     for option, folder in (("--report", report_folder), ("--plots", plots_folder), ("--overlay", overlay_folder)):
         if folder is not None:
             check_folder(option, folder)
+    query_mode = query_mode or chosen_reader(dataset, dataset_name).query_mode
     tracker = None
     if baseline is not None:
         from decomo_eval.baselines import FlowBaseline
@@ -149,10 +155,11 @@ def tapvid(
             resolution=resolution or ORIGINAL,
             object_masks=object_masks,
             watch=lambda scored: [look(scored) for look in watching],
+            dataset_name=dataset_name,
         )
         page = None if writer is None else writer.write(report)
     click.echo(_table(report))
-    for line in _remarks(report):
+    for line in (*_remarks(report), *_more(report)):
         click.echo(line)
     if json_path is not None:
         with replacing(json_path) as temporary:
@@ -195,6 +202,18 @@ def _remarks(report: Report) -> list[str]:
     if report.without_masks:
         remarks.append(f"without object masks ({len(report.without_masks)}): {', '.join(report.without_masks)}")
     return remarks
+
+
+def _more(report: Report) -> Iterator[str]:
+    """What the table has no column for, means over videos."""
+    from decomo_eval.measure import told
+
+    again = told("redetection_jaccard", report.splits["reappeared"]["redetection_jaccard"])
+    survival, error = (told(name, report.mean[name]) for name in ("survival", "median_trajectory_error"))
+    yield f"AJ after re-detection {again}, survival {survival}, median trajectory error {error}"
+    if report.figures:
+        figures = ", ".join(f"{name} {told(name, report.mean[name])}" for name in report.figures)
+        yield f"as the benchmark's own code counts: {figures}"
 
 
 def _summary(report: Report) -> str:

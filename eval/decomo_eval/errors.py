@@ -10,7 +10,7 @@ class EvalError(InputError):
 
 
 class DatasetError(EvalError):
-    """The dataset is not TAP-Vid's form, or holds no such video."""
+    """The dataset has no form that is read, or holds no such video."""
 
 
 class UnsafePickleError(DatasetError):

@@ -2,7 +2,7 @@
 
 layout              keys and shapes                                                      from
 ours                queries [N, 3] (t, x, y), tracks [N, T, 2], occluded [N, T]          `predictions.py`
-CoTracker, TAPNet   `decomotion/tracker_files.py` has them                               their own code
+CoTracker, Track-On, TAPNet, LocoTrack, TAPNext: `decomotion/tracker_files.py` has them  their own code
 PIPs                trajs_e [T, N, 2], vis_e [T, N] probabilities or logits; queries     PIPs
                     [N, 3] (t, x, y) optional: PIPs keeps the query as the trajectory's own point
 
@@ -22,16 +22,8 @@ import numpy.typing as npt
 
 from decomo_eval.errors import PredictionError
 from decomo_eval.tapvid import RASTER_SIZE, Queries
-from decomotion.tracker_files import (
-    Arrays,
-    asked_points,
-    cotracker,
-    is_cotracker,
-    is_tapnet,
-    of_one_video,
-    scores,
-    tapnet,
-)
+from decomotion import tracker_files
+from decomotion.tracker_files import Arrays, asked_points, of_one_video, scores
 
 Size = tuple[int, int]
 """(width, height) in pixels."""
@@ -86,17 +78,14 @@ def unpacked(path: Path, content: Arrays, queries: Queries) -> Answers:
     """
     if "trajs_e" in content:
         return _pips(path, content, queries)
-    if is_cotracker(content):
-        return Answers(
-            asked_points(str(path), content, PredictionError), *cotracker(str(path), content, PredictionError)
-        )
-    if is_tapnet(content):
-        return Answers(asked_points(str(path), content, PredictionError), *tapnet(str(path), content, PredictionError))
+    answered = tracker_files.unpacked(str(path), content, PredictionError)
+    if answered is not None:
+        return Answers(asked_points(str(path), content, PredictionError), *answered)
     for key in ("queries", "tracks", "occluded"):
         if key not in content:
             raise PredictionError(
-                f"{path} lacks the key {key}; it must hold queries, tracks and occluded, or what CoTracker, TAPNet or "
-                "PIPs return (docs/formats.md)"
+                f"{path} lacks the key {key}; it must hold queries, tracks and occluded, or what another tracker "
+                "returns (docs/scoring.md)"
             )
     return Answers(content["queries"], content["tracks"], content["occluded"], (Convention.CENTRES,), exact=True)
 

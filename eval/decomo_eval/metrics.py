@@ -29,6 +29,7 @@ def tapvid_metrics(
     pred_occluded: npt.ArrayLike,
     pred_tracks: npt.ArrayLike,
     query_mode: str,
+    judged: npt.ArrayLike | None = None,
 ) -> dict[str, FloatArray]:
     """Occlusion accuracy, share of points within each threshold, and Jaccard: arrays [b], in 0..1, one value a video.
 
@@ -39,6 +40,7 @@ def tapvid_metrics(
         pred_occluded: bool [b, n, t].
         pred_tracks: [b, n, t, 2], (x, y). A nan is a miss at every threshold.
         query_mode: `strided` counts all frames but the query's, `first` the frames after it.
+        judged: bool [b, n, t], where the truth is known; elsewhere nothing counts. By default everywhere.
 
     Returns:
         occlusion_accuracy: share of the points whose predicted occlusion is right.
@@ -53,6 +55,8 @@ def tapvid_metrics(
     pred_tracks, pred_occluded = _as_tracks("pred", pred_tracks, pred_occluded)
     _check_same_shape(gt_tracks, pred_tracks)
     counted = counted_frames(np.asarray(query_points), gt_occluded.shape, query_mode)
+    if judged is not None:
+        counted &= np.asarray(judged, dtype=bool)
 
     visible, pred_visible = ~gt_occluded, ~pred_occluded
     squared_distance = np.sum(np.square(pred_tracks - gt_tracks), axis=-1)
@@ -95,7 +99,9 @@ def position_accuracy(
     return {**shares, "average_pts_within_thresh": _mean_over_thresholds(shares, "pts_within")}
 
 
-def reappeared(query_points: npt.ArrayLike, gt_occluded: npt.ArrayLike, query_mode: str) -> BoolArray:
+def reappeared(
+    query_points: npt.ArrayLike, gt_occluded: npt.ArrayLike, query_mode: str, judged: npt.ArrayLike | None = None
+) -> BoolArray:
     """Which points are visible again after an occlusion: bool [b, n, t].
 
     True in the frames that `query_mode` counts in which the point is visible although it was occluded in at least one
@@ -107,12 +113,15 @@ def reappeared(query_points: npt.ArrayLike, gt_occluded: npt.ArrayLike, query_mo
         query_points: [b, n, 3], (t, y, x). Only t is read, rounded to the nearest frame.
         gt_occluded: bool [b, n, t].
         query_mode: as in `tapvid_metrics`.
+        judged: as in `tapvid_metrics`; in other frames a point is not known to be hidden.
     """
     check_query_mode(query_mode)
     query_points, occluded = np.asarray(query_points), np.asarray(gt_occluded, dtype=bool)
     counted = counted_frames(query_points, occluded.shape, query_mode)
     at_query = np.round(query_points[..., :1]).astype(np.int64)
     hidden = occluded & (np.arange(occluded.shape[2]) != at_query)
+    if judged is not None:
+        hidden &= np.asarray(judged, dtype=bool)
     so_far = np.cumsum(hidden, axis=2)
     # of a visible frame and the query's, neither adds to the sum: the difference counts the frames between them
     between = np.abs(so_far - np.take_along_axis(so_far, at_query, axis=2))
@@ -187,6 +196,12 @@ def ratio(numerator: npt.NDArray, denominator: npt.NDArray) -> FloatArray:
     """numerator / denominator, nan where the denominator is 0."""
     undefined = np.full(denominator.shape, np.nan)
     return np.divide(numerator, denominator, out=undefined, where=denominator > 0)
+
+
+def mean_of_defined(values: FloatArray) -> FloatArray:
+    """Mean of [b, n] over those of n that are not nan: [b]; nan where all are."""
+    defined = ~np.isnan(values)
+    return ratio(np.sum(values, axis=1, where=defined), np.sum(defined, axis=1))
 
 
 def _mean_over_thresholds(metrics: dict[str, FloatArray], name: str) -> FloatArray:

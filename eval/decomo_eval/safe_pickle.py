@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import pickle
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,38 +31,45 @@ def load(path: str | Path) -> Any:
     Raises `UnsafePickleError` where it names anything else, `DatasetError` where it cannot be read. An array may come
     back as a subclass of `numpy.ndarray`; `numpy.asarray` makes it a plain one.
     """
-    path = Path(path)
+    with telling(path, "a TAP-Vid pickle"), open(path, "rb") as file:
+        return Unpickler(file).load()
+
+
+@contextmanager
+def telling(path: str | Path, wanted: str) -> Iterator[None]:
+    """What goes wrong while a pickle is read, as one `DatasetError` that names the file and what it should be."""
     try:
-        with open(path, "rb") as file:
-            return _Unpickler(file).load()
-    except _UnsafeError as error:
+        yield
+    except UnsafeError as error:
         raise UnsafePickleError(
             f"{path} was refused, nothing in it executed: it holds {error}, and a dataset may hold only numpy arrays "
             "and plain containers"
         ) from None
     except OSError as error:
-        raise DatasetError(f"{path} cannot be opened ({error.strerror}); give a TAP-Vid pickle") from error
+        raise DatasetError(f"{path} cannot be opened ({error.strerror}); give {wanted}") from error
     except Exception as error:  # the unpickler and the stand-ins raise what a damaged program brings them to
-        raise DatasetError(f"{path} is not a readable pickle ({error}); is the file whole?") from error
+        raise DatasetError(f"{path} is not readable as {wanted} ({error}); is the file whole?") from error
 
 
-class _UnsafeError(Exception):
+class UnsafeError(Exception):
     """Its text names what was found."""
 
 
-class _StandIn:
+class StandIn:
     """What a name in the pickle resolves to: it can be called, and neither changed nor instantiated."""
 
     __slots__ = ("_make",)
 
     def __init__(self, make: Callable[..., Any]) -> None:
+        """Of what is called in the place of the name."""
         self._make = make
 
     def __call__(self, *args: Any) -> Any:
+        """What the stand-in makes of the arguments."""
         return self._make(*args)
 
     def __setstate__(self, state: Any) -> None:
-        raise _UnsafeError("an attempt to change the reader's own functions")
+        raise UnsafeError("an attempt to change the reader's own functions")
 
 
 class _Dtype:
@@ -71,13 +79,13 @@ class _Dtype:
 
     def __init__(self, spec: str, *_flags: Any) -> None:
         if not isinstance(spec, str) or not _PLAIN_TYPE.fullmatch(spec):
-            raise _UnsafeError(f"an array of type {spec!r}")
+            raise UnsafeError(f"an array of type {spec!r}")
         self.dtype = np.dtype(spec)
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         _version, byte_order, subarray, names, fields, *_sizes = state
         if (subarray, names, fields) != (None, None, None):
-            raise _UnsafeError("an array with fields")
+            raise UnsafeError("an array with fields")
         self.dtype = self.dtype.newbyteorder(byte_order)
 
 
@@ -103,7 +111,7 @@ def _check_content(dtype: object, shape: object, content: object) -> None:
 def _reconstruct(kind: object, _shape: object, _typecode: object) -> _Array:
     """`_reconstruct(ndarray, (0,), b"b")`, as protocols up to 4 begin an array."""
     if kind is not _NDARRAY:
-        raise _UnsafeError("a subclass of numpy.ndarray")
+        raise UnsafeError("a subclass of numpy.ndarray")
     return np.ndarray.__new__(_Array, (0,), np.int8)
 
 
@@ -122,46 +130,48 @@ def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
 def _encode(text: str, encoding: str) -> bytes:
     """`_codecs.encode(text, "latin1")`, as protocol 2 writes bytes."""
     if encoding != "latin1":
-        raise _UnsafeError(f"bytes in the encoding {encoding!r}")
+        raise UnsafeError(f"bytes in the encoding {encoding!r}")
     return text.encode("latin1")
 
 
 def _array_type(*_args: object) -> None:
-    raise _UnsafeError("a call of numpy.ndarray")
+    raise UnsafeError("a call of numpy.ndarray")
 
 
 def _empty(kind: type) -> Callable[[], Any]:
     return lambda: kind()
 
 
-_NDARRAY = _StandIn(_array_type)
+_NDARRAY = StandIn(_array_type)
 _STAND_INS = {
     ("numpy", "ndarray"): _NDARRAY,
-    ("numpy", "dtype"): _StandIn(_Dtype),
-    ("_codecs", "encode"): _StandIn(_encode),
-    ("__builtin__", "bytes"): _StandIn(_empty(bytes)),
-    ("collections", "OrderedDict"): _StandIn(_empty(dict)),
+    ("numpy", "dtype"): StandIn(_Dtype),
+    ("_codecs", "encode"): StandIn(_encode),
+    ("__builtin__", "bytes"): StandIn(_empty(bytes)),
+    ("collections", "OrderedDict"): StandIn(_empty(dict)),
 }
 for _core in ("numpy.core", "numpy._core"):  # numpy 1, numpy 2
-    _STAND_INS[f"{_core}.multiarray", "_reconstruct"] = _StandIn(_reconstruct)
-    _STAND_INS[f"{_core}.multiarray", "scalar"] = _StandIn(_scalar)
+    _STAND_INS[f"{_core}.multiarray", "_reconstruct"] = StandIn(_reconstruct)
+    _STAND_INS[f"{_core}.multiarray", "scalar"] = StandIn(_scalar)
     for _module in ("multiarray", "numeric"):
-        _STAND_INS[f"{_core}.{_module}", "_frombuffer"] = _StandIn(_from_buffer)
+        _STAND_INS[f"{_core}.{_module}", "_frombuffer"] = StandIn(_from_buffer)
 
 
-class _Unpickler(pickle._Unpickler):
+class Unpickler(pickle._Unpickler):
     """Finds our stand-ins and nothing else, and takes no more memory than the file has bytes.
 
     It is the one in Python: that in C makes room for as many things as the number that one of them is kept under.
     """
 
     stack: list[Any]
+    stand_ins: ClassVar[Mapping[tuple[str, str], StandIn]] = _STAND_INS
     dispatch: ClassVar[dict[int, Callable[[Any], None]]] = {**pickle._Unpickler.dispatch}
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in _STAND_INS:
-            raise _UnsafeError(f"{module}.{name}")
-        return _STAND_INS[module, name]
+        """The stand-in of a name; `UnsafeError` where there is none."""
+        if (module, name) not in self.stand_ins:
+            raise UnsafeError(f"{module}.{name}")
+        return self.stand_ins[module, name]
 
     def load_bytearray8(self) -> None:
         """Reads as many bytes as there are; Python's own first fills as many with zeros as the file says."""
@@ -174,9 +184,9 @@ class _Unpickler(pickle._Unpickler):
 def _without_tuples(load: Callable[[Any], None], keys: slice) -> Callable[[Any], None]:
     """An instruction that hashes `keys` of the stack; deeply nested tuples among them would overflow Python's own."""
 
-    def checked(unpickler: _Unpickler) -> None:
+    def checked(unpickler: Unpickler) -> None:
         if any(isinstance(key, tuple) for key in unpickler.stack[keys]):
-            raise _UnsafeError("a tuple as a key")
+            raise UnsafeError("a tuple as a key")
         load(unpickler)
 
     return checked
@@ -189,4 +199,4 @@ for _code, _keys in (
     (pickle.ADDITEMS, slice(None)),
     (pickle.FROZENSET, slice(None)),
 ):
-    _Unpickler.dispatch[_code[0]] = _without_tuples(_Unpickler.dispatch[_code[0]], _keys)
+    Unpickler.dispatch[_code[0]] = _without_tuples(Unpickler.dispatch[_code[0]], _keys)

@@ -13,15 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_eval.bootstrap import mean_interval
-from decomo_eval.dataset import Video, read_dataset
+from decomo_eval.dataset import Video, chosen_reader, read_dataset
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
 from decomo_eval.measure import score
 from decomo_eval.names import ORIGINAL, STANDARD
 from decomo_eval.predictions import Prediction, check_answers, check_axes, from_model, from_npz
-from decomo_eval.query_mode import STRIDED, check_query_mode
+from decomo_eval.query_mode import FIRST, check_query_mode
 from decomo_eval.splits import COUNT, score_splits
 from decomo_eval.tapvid import RASTER_SIZE, Queries, raster_to_pixels, sample_queries
 from decomotion.arrays import npz_keys, read_npz
+from decomotion.errors import InputError
 from decomotion.windows import FILE_NAME as WINDOWS
 
 logger = logging.getLogger(__name__)
@@ -41,6 +42,7 @@ class Scored:
     queries: Queries
     prediction: Prediction
     metrics: Metrics
+    """TAP-Vid's and those of trajectories; the benchmark's own figures are in the report."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,8 @@ class Report:
     resolution: str
     """`256x256` or `original`: the frames that the tracker worked on. TAP-Vid keeps the two apart."""
     videos: Mapping[str, Metrics]
-    """Metrics of each video by their official names, 0..1, and those of `measure.IN_PIXELS` in pixels at 256x256.
+    """Metrics of each video by their official names, 0..1, and those of `measure.IN_PIXELS` in pixels at 256x256;
+    in the query mode `first` also the benchmark's own (`figures.py`).
 
     A metric with nothing to count in a video is nan (`metrics.py`).
     """
@@ -71,6 +74,8 @@ class Report:
     """Which metrics are nan in which video, and so do not count in their mean."""
     without_masks: tuple[str, ...] = ()
     """Videos scored that the object masks lack; in neither `static` nor `dynamic`."""
+    figures: tuple[str, ...] = ()
+    """Names of the metrics that are the benchmark's own."""
 
     def to_json(self) -> dict[str, Any]:
         """The report as plain JSON types; nan, which JSON does not have, becomes None."""
@@ -88,6 +93,7 @@ class Report:
             "missing": list(self.missing),
             "undefined": {name: list(metrics) for name, metrics in self.undefined.items()},
             "without_masks": list(self.without_masks),
+            "figures": list(self.figures),
         }
 
 
@@ -95,32 +101,38 @@ def evaluate(
     dataset: str | Path,
     models: str | Path | None = None,
     predictions: str | Path | None = None,
-    query_mode: str = STRIDED,
+    query_mode: str | None = None,
     videos: Sequence[str] | None = None,
     *,
     tracker: Tracker | None = None,
     resolution: str = ORIGINAL,
     object_masks: str | Path | None = None,
     watch: Callable[[Scored], object] | None = None,
+    dataset_name: str | None = None,
+    refused: Callable[[str, InputError | OSError], object] | None = None,
 ) -> Report:
-    """Scores a tracker on a TAP-Vid dataset; give one of `models`, `predictions` and `tracker`.
+    """Scores a tracker on a dataset; give one of `models`, `predictions` and `tracker`.
 
     Args:
-        dataset: TAP-Vid pickle, or a folder (`dataset.read_dataset`).
+        dataset: TAP-Vid pickle, or a dataset's folder (`dataset.read_dataset`).
         models: folder of `<video>.onnx`, or of folders `<video>` of windows, asked through `decomo_runtime`; or
         predictions: folder of `<video>.npz` from any tracker (`predictions.py`, `layouts.py`); or
         tracker: called as `tracker(video, queries)`, for instance `baselines.FlowBaseline("chain")`.
         resolution: of the videos that `tracker` is given (`dataset.read_dataset`); files say for themselves.
-        query_mode: `strided` or `first`.
+        query_mode: `strided` or `first`; by default the dataset's.
         videos: names of the videos to score, each of which must have its file; by default all that have one.
         object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
         watch: called with each video as soon as it is scored.
+        dataset_name: the dataset's name (`readers.READERS`); by default its files tell.
+        refused: called with the name of each video that cannot be scored, and why: it is left out, and is missing.
+            Without this, the first one ends all.
 
     Raises `DatasetError` or `PredictionError` where a file is not as it should be.
     """
+    query_mode = query_mode or chosen_reader(dataset, dataset_name).query_mode
     check_query_mode(query_mode)
     name_of_tracker, answers = _source(models, predictions, tracker)
-    known = read_dataset(dataset, resolution)
+    known = read_dataset(dataset, resolution, dataset_name)
     asked = _select(known, videos, dataset)
     missing: tuple[str, ...] = ()
     if isinstance(answers, _Folder):
@@ -132,23 +144,35 @@ def evaluate(
     scores: dict[str, Metrics] = {}
     splits: dict[str, Mapping[str, Metrics]] = {}
     resolutions: dict[str, str] = {}
-    in_both = False
+    in_both, figures = False, {}
     for number, name in enumerate(present, start=1):
-        video = known[name]
-        queries = sample_queries(video, query_mode)
-        prediction = answers(video, queries)
+        try:
+            video = known[name]
+            queries = sample_queries(video, query_mode)
+            prediction = answers(video, queries)
+        except (InputError, OSError) as error:
+            if refused is None:
+                raise
+            refused(name, error)
+            missing += (name,)
+            continue
         if len(queries.points):  # without any, a file does not tell what it was tracked at
             if category := _category(prediction, video):
                 resolutions.setdefault(category, name)
                 _check_one_category(resolutions)
             else:
                 in_both = True
-        scores[name] = score(queries, prediction, query_mode)
+        metrics = score(queries, prediction, query_mode)
+        own = video.figures if query_mode == FIRST else None
+        figures = {} if own is None else own(prediction.tracks, prediction.occluded)
+        scores[name] = {**metrics, **figures}
         objects = None if masks is None or name in without_masks else masks.of(name)
         splits[name] = score_splits(queries, prediction, query_mode, objects)
         if watch is not None:
-            watch(Scored(video, queries, prediction, scores[name]))
+            watch(Scored(video, queries, prediction, metrics))
         logger.info("scored %s (%d of %d), %d queries", name, number, len(present), len(queries.points))
+    if not scores:
+        raise PredictionError(f"no video of {dataset} can be scored; the first that was asked for is {present[0]}")
     undefined = {
         name: tuple(metric for metric, value in metrics.items() if math.isnan(value))
         for name, metrics in scores.items()
@@ -165,6 +189,7 @@ def evaluate(
         missing=missing,
         undefined={name: metrics for name, metrics in undefined.items() if metrics},
         without_masks=without_masks,
+        figures=tuple(figures),
     )
 
 

@@ -11,6 +11,7 @@ from decomo_eval.errors import EvalError
 from decomo_eval.measure import score
 from decomo_eval.metrics import counted_frames, position_accuracy, ratio, reappeared
 from decomo_eval.predictions import Prediction
+from decomo_eval.redetection import redetection
 from decomo_eval.tapvid import RASTER_SIZE, Queries
 
 BoolArray = npt.NDArray[np.bool_]
@@ -28,7 +29,7 @@ def score_splits(
         frame, where the point is visible. Only with `object_masks`; a split without queries is left out.
     visible, reappeared: position accuracy (`metrics.position_accuracy`) in the frames in which a point has been in
         sight ever since the query's, and in those in which it is visible again after an occlusion
-        (`metrics.reappeared`).
+        (`metrics.reappeared`); of the latter also AJ_RD (`redetection.redetection`).
     out_of_frame: occlusion accuracy where the true point is hidden because it lies outside the image. Only datasets
         that say where hidden points are, the rendered ones, have such; in others its count may be 0.
 
@@ -43,17 +44,21 @@ def score_splits(
         dynamic = on_objects(queries, object_masks)
         for name, rows in (("static", ~dynamic), ("dynamic", dynamic)):
             if rows.any():
-                chosen = Queries(queries.points[rows], queries.tracks[rows], queries.occluded[rows])
                 answers = Prediction(prediction.tracks[rows], prediction.occluded[rows], prediction.size)
-                splits[name] = {COUNT: int(rows.sum()), **score(chosen, answers, query_mode)}
+                splits[name] = {COUNT: int(rows.sum()), **score(queries.chosen(rows), answers, query_mode)}
     points, occluded, tracks = queries.points[None], queries.occluded[None], queries.tracks[None]
     counted = counted_frames(points, occluded.shape, query_mode)
-    again = reappeared(points, occluded, query_mode)
+    judged = None if queries.judged is None else queries.judged[None]
+    again = reappeared(points, occluded, query_mode, judged)
     for name, where in (("visible", counted & ~occluded & ~again), ("reappeared", again)):
         shares = position_accuracy(tracks, prediction.tracks[None], where)
         splits[name] = {COUNT: int(where.sum()), **_first_video(shares)}
+    hidden = prediction.occluded[None]
+    splits["reappeared"] |= _first_video(redetection(occluded, tracks, hidden, prediction.tracks[None], judged))
+    if judged is not None:
+        counted &= judged
     outside = counted & occluded & ((tracks < 0) | (tracks > RASTER_SIZE)).any(axis=-1)
-    right = ratio((prediction.occluded[None] & outside).sum(axis=(1, 2)), outside.sum(axis=(1, 2)))
+    right = ratio((hidden & outside).sum(axis=(1, 2)), outside.sum(axis=(1, 2)))
     splits["out_of_frame"] = {COUNT: int(outside.sum()), **_first_video({"occlusion_accuracy": right})}
     return splits
 

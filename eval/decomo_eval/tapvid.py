@@ -37,6 +37,13 @@ class Queries:
     """[N, T, 2], (x, y) of the queried point in every frame."""
     occluded: npt.NDArray[np.bool_]
     """[N, T]."""
+    judged: npt.NDArray[np.bool_] | None = None
+    """[N, T]: where the truth is known; None: everywhere."""
+
+    def chosen(self, rows: npt.NDArray[np.bool_]) -> Queries:
+        """Some of them, by a mask [N]."""
+        judged = None if self.judged is None else self.judged[rows]
+        return Queries(self.points[rows], self.tracks[rows], self.occluded[rows], judged)
 
     def in_pixels(self, width: int, height: int) -> npt.NDArray[np.float32]:
         """The query points as float32 [N, 3], (t, x, y) in pixels of a video of that size."""
@@ -60,4 +67,5 @@ def sample_queries(video: Video, query_mode: str) -> Queries:
         frame = frame * QUERY_STRIDE
     tracks = video.points * RASTER_SIZE
     x, y = tracks[track, frame].T
-    return Queries(np.stack([frame.astype(np.float64), y, x], axis=1), tracks[track], video.occluded[track])
+    judged = None if video.judged is None else video.judged[track]
+    return Queries(np.stack([frame.astype(np.float64), y, x], axis=1), tracks[track], video.occluded[track], judged)

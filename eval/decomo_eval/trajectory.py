@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decomo_eval.metrics import FloatArray, counted_frames, ratio
+from decomo_eval.metrics import FloatArray, counted_frames, mean_of_defined, ratio
 
 FAILURE = 50
 """Pixels; a track fails where its prediction is farther than this from the visible true point."""
@@ -28,6 +28,9 @@ def survival(
     is lost from that frame on. Hidden points cannot fail. Queries without a counted frame are left out; nan where
     there are no others.
 
+    PIPs++'s code counts the query's frame besides, in which nothing can fail: of tracks queried in frame 0 of T its
+    figure is (1 + (T - 1) s) / T (`figures.pointodyssey` has it).
+
     Args:
         query_points: [b, n, 3], (t, y, x). Only t is read.
         gt_occluded: bool [b, n, t].
@@ -44,7 +47,7 @@ def survival(
     later = np.arange(occluded.shape[2]) >= at_query
     failures = np.where(later, so_far - at_start, at_start - so_far + failed)
     share = ratio(np.sum(counted & (failures == 0), axis=2), np.sum(counted, axis=2))
-    return _mean_over_queries(share)
+    return mean_of_defined(share)
 
 
 def median_trajectory_error(
@@ -68,14 +71,8 @@ def median_trajectory_error(
     middle = np.concatenate([(number - 1).clip(0) // 2, number // 2], axis=2)  # the same one where the number is odd
     medians = np.take_along_axis(ascending, middle.clip(max=max(occluded.shape[2] - 1, 0)), axis=2).mean(axis=2)
     medians[number[..., 0] == 0] = np.nan
-    return _mean_over_queries(medians)
+    return mean_of_defined(medians)
 
 
 def _distance(gt_tracks: npt.ArrayLike, pred_tracks: npt.ArrayLike) -> npt.NDArray[np.float64]:
     return np.linalg.norm(np.subtract(pred_tracks, gt_tracks, dtype=np.float64), axis=-1)
-
-
-def _mean_over_queries(values: FloatArray) -> FloatArray:
-    """Mean of [b, n] over the queries that are not nan: [b]."""
-    defined = ~np.isnan(values)
-    return ratio(np.sum(values, axis=1, where=defined), np.sum(defined, axis=1))

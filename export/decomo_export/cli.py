@@ -33,12 +33,13 @@ if TYPE_CHECKING:
     default="fp32",
     help="Of the weights in the file; int8 is for the wide layers of the paper preset.",
 )
+@click.option("--licence", metavar="TEXT", help="Of the clip, in a line, which decomo-info shows: 'CC BY 4.0'.")
 @click.option(
     "--force",
     is_flag=True,
     help="Write the file even where its precision moves tracks by more than 0.5 px, or it differs from torch.",
 )
-def command(model: Path, run: Path | None, bake: Bake, precision: Precision, force: bool) -> None:
+def command(model: Path, run: Path | None, bake: Bake, precision: Precision, licence: str | None, force: bool) -> None:
     """Write MODEL.onnx from a run and compare it with torch.
 
     Of a clip that was fitted as several windows MODEL is a folder, which the other commands take like a file.
@@ -63,7 +64,7 @@ def command(model: Path, run: Path | None, bake: Bake, precision: Precision, for
     else:
         check_output("MODEL.onnx:", model, (SUFFIX,))
     for path, each in runs.items():
-        exported = export(path, each, bake=bake, precision=precision, force=force)
+        exported = export(path, each, bake=bake, precision=precision, licence=licence, force=force)
         click.echo(
             f"exported {exported.path} ({exported.bytes / 2**20:.1f} MiB); largest difference from torch: "
             f"{exported.parity.pixels:.2g} px in tracks, {exported.parity.score:.2g} in scores"

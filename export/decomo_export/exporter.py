@@ -8,7 +8,6 @@ from pathlib import Path
 
 import onnx
 
-import decomotion
 from decomo_export.baking import Bake
 from decomo_export.errors import ExportError
 from decomo_export.graph import QueryGraph
@@ -22,6 +21,7 @@ from decomotion.checkpoint import Checkpoint, ClipFacts
 from decomotion.files import replacing
 from decomotion.model.readout import OBJECT_SHARE
 from decomotion.quality import Quality
+from decomotion.source import code_version
 
 OCCLUSION_THRESHOLD = 0.5
 """The score is built so that 0.5 is the decision: see `ModelConfig.occlusion_scale`."""
@@ -31,6 +31,7 @@ DEFAULT_BAKE: Bake = "depth"
 
 
 SUFFIX = ".onnx"
+LONGEST_LICENCE = 200
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ def export(
     *,
     bake: Bake = DEFAULT_BAKE,
     precision: Precision = "fp32",
+    licence: str | None = None,
     force: bool = False,
 ) -> Exported:
     """Exports the model of a run and compares the file with torch.
@@ -64,15 +66,20 @@ def export(
         bake: what of each frame's visible surface is rendered now and kept as a table: nothing, its pseudo-depth, or
             its canonical coordinates (`baking.py`).
         precision: of the weights in the file (`precision.py`).
+        licence: of the clip, in a line, which the file is to tell.
         force: write the file even where its tracks deviate from float32 by more than `precision.LIMIT_PIXELS`, or
             from torch by more than `parity.LIMIT_PIXELS`.
 
-    Raises: `CheckpointError` where there is no run; `ExportError` where `path` is not named `.onnx`, the run is of
-        several windows or was stopped before its first step, or where the file disagrees with torch, or with float32 by
-        more than is allowed; then nothing is written.
+    Raises:
+        CheckpointError: there is no run.
+        ExportError: `path` is not named `.onnx`, `licence` is no line of text, the run is of several windows or was
+            stopped before its first step, or the file disagrees with torch, or with float32 by more than is allowed;
+            then nothing is written.
     """
     if Path(path).suffix.lower() != SUFFIX:
         raise ExportError(f"{path} must end in {SUFFIX}")
+    if licence is not None and not is_licence(licence):
+        raise ExportError(f"the licence must be one line of 1 to {LONGEST_LICENCE} characters, got {licence[:40]!r}")
     folder = Path(run) if run is not None else checkpoint.latest_run()
     if (folder / windows.FILE_NAME).is_file():
         raise ExportError(f"{folder} is of several windows; export one of {folder / 'window-000'} and so on")
@@ -98,11 +105,16 @@ def export(
     proto = _on_demand(proto)
     _name_axes(proto)
     proto.ir_version = contract.IR_VERSION
-    onnx.helper.set_model_props(proto, _metadata(loaded, graph, precision, differs))
+    onnx.helper.set_model_props(proto, _metadata(loaded, graph, precision, differs, licence))
     onnx.checker.check_model(proto, full_check=True)
     with replacing(path) as temporary:
         onnx.save(proto, temporary)
     return Exported(Path(path), Path(path).stat().st_size, parity, differs, loaded.thinned, loaded.quality)
+
+
+def is_licence(text: str) -> bool:
+    """Whether it can be the licence of a clip: one line that is not empty."""
+    return text.isprintable() and 0 < len(text.strip()) <= LONGEST_LICENCE
 
 
 def _on_demand(whole: onnx.ModelProto) -> onnx.ModelProto:
@@ -122,7 +134,9 @@ def _name_axes(proto: onnx.ModelProto) -> None:
             dims[1].dim_param = "M"
 
 
-def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, differs: Deviation) -> dict[str, str]:
+def _metadata(
+    loaded: Checkpoint, graph: QueryGraph, precision: Precision, differs: Deviation, licence: str | None
+) -> dict[str, str]:
     clip = loaded.clip
     return {
         contract.META_FORMAT_VERSION: str(contract.FORMAT_VERSION),
@@ -134,13 +148,17 @@ def _metadata(loaded: Checkpoint, graph: QueryGraph, precision: Precision, diffe
         contract.META_PRESET: loaded.config.preset,
         contract.META_OCCLUSION_THRESHOLD: repr(OCCLUSION_THRESHOLD),
         contract.META_OBJECT_SHARE: repr(OBJECT_SHARE),
-        contract.META_WRITER_VERSION: decomotion.__version__,
+        contract.META_WRITER_VERSION: code_version(),
+        contract.META_STEPS: str(loaded.training["step"]),
+        contract.META_BUDGET: json.dumps(loaded.training["budget"]),
         contract.META_BAKE: graph.bake,
         contract.META_PRECISION: precision,
         contract.META_DEVIATION: f"{differs.mean:.4g} {differs.p99:.4g}",
         contract.META_BYTES_PER_RAY: str(graph.bytes_per_ray),
         contract.META_BYTES_PER_RENDERED_RAY: str(graph.bytes_per_rendered_ray),
         **unusual_metadata(clip),
+        **({} if loaded.code is None else {contract.META_FITTED_BY: loaded.code}),
+        **({} if licence is None else {contract.META_LICENCE: licence}),
         **({} if loaded.quality is None else {contract.META_QUALITY: loaded.quality.as_json()}),
     }
 

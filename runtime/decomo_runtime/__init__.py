@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from decomo_runtime.card import Card, WindowCard
     from decomo_runtime.dense import Dense
     from decomo_runtime.edits import Edit, draw_edits, read_edit
     from decomo_runtime.errors import (
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from decomo_runtime.measure.units import Scale
     from decomo_runtime.model import Appearance
     from decomo_runtime.model_file import ModelFacts
+    from decomo_runtime.origin import Origin
     from decomo_runtime.propagation.carrying import propagate
     from decomo_runtime.propagation.folder import propagate_files
     from decomo_runtime.removal import remove_objects
@@ -54,6 +56,7 @@ __all__ = [
     "About",
     "AnnotationError",
     "Appearance",
+    "Card",
     "Dense",
     "Edit",
     "FlowError",
@@ -61,6 +64,7 @@ __all__ = [
     "MeasureSettings",
     "ModelFacts",
     "ModelFileError",
+    "Origin",
     "OverlayError",
     "PointMotion",
     "QueryError",
@@ -77,6 +81,7 @@ __all__ = [
     "Tracks",
     "TracksFileError",
     "ViewError",
+    "WindowCard",
     "convert",
     "draw_edits",
     "draw_stabilised",
@@ -96,10 +101,12 @@ __all__ = [
 _HOMES = {
     "About": "formats.about",
     "Appearance": "model",
+    "Card": "card",
     "Dense": "dense",
     "Edit": "edits",
     "ModelFacts": "model_file",
     "MeasureSettings": "measure.following",
+    "Origin": "origin",
     "PointMotion": "measure.points",
     "RegionMotion": "measure.region",
     "Scale": "measure.units",
@@ -108,6 +115,7 @@ _HOMES = {
     "StrainMap": "measure.maps",
     "Tracker": "tracker",
     "Tracks": "tracks",
+    "WindowCard": "card",
     "convert": "formats.convert",
     "draw_edits": "edits",
     "draw_stabilised": "still_pictures",

@@ -67,6 +67,15 @@ META_PRECISION = "decomotion.precision"
 META_DEVIATION = "decomotion.deviation"
 """`mean p99`, in pixels: how far tracks are from those of the same graph in float32."""
 
+META_FITTED_BY = "decomotion.fitted_by"
+"""Version of the code that fitted it, with its commit where that was known; `META_WRITER_VERSION`: that exported it."""
+META_STEPS = "decomotion.steps"
+"""That the fit took."""
+META_BUDGET = "decomotion.budget"
+"""What the fit was given: `steps`, and `seconds` or null, in JSON; where there are seconds, steps do not count."""
+META_LICENCE = "decomotion.licence"
+"""Of the clip, in a line; only where it was told."""
+
 META_QUALITY = "decomotion.quality"
 """How good the fit is, `decomotion.quality.Quality` in JSON; only where it was measured."""
 

@@ -45,6 +45,7 @@ class Model:
     def __init__(self, path: Path, providers: Providers | str | None = None, threads: int | None = None) -> None:
         self._session = open_session(path, providers, threads)
         self.facts = read_facts(self._session, path)
+        self.providers = tuple(self._session.get_providers())
         self._tells_opacity = contract.STATIC_OPACITY in {port.name for port in self._session.get_outputs()}
 
     def track(

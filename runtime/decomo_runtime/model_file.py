@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from decomo_runtime import contract
 from decomo_runtime.errors import ModelFileError, SessionError
+from decomo_runtime.metadata import parsed, text
+from decomo_runtime.origin import Origin, read_origin
 from decomotion import quality
 from decomotion.quality import Quality
 
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
 Providers = Sequence[str | tuple[str, dict[str, Any]]]
 """Execution providers in order of preference, as onnxruntime takes them: names, or (name, options)."""
 
-_Value = TypeVar("_Value", int, float)
 _ERRORS_ONLY = 3
 _WRITE_ONE = "write one with 'decomo-export'"
 
@@ -54,6 +55,8 @@ class ModelFacts:
     """Width of a pixel over its height; 1 in files that do not say."""
     quality: Quality | None = None
     """How good the fit is; None in files that do not say."""
+    origin: Origin = field(default_factory=Origin)
+    """How the file came to be."""
 
 
 def open_session(
@@ -99,7 +102,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
     metadata = session.get_modelmeta().custom_metadata_map
     if contract.META_FORMAT_VERSION not in metadata:
         raise ModelFileError(f"{path} is an ONNX file but holds no decomotion model; {_WRITE_ONE}")
-    version = _number(metadata, contract.META_FORMAT_VERSION, path, int, lambda value: value >= 1)
+    version = parsed(metadata, contract.META_FORMAT_VERSION, path, int, lambda value: value >= 1)
     if version > contract.FORMAT_VERSION:
         raise ModelFileError(
             f"{path} has format version {version} but this decomotion reads up to {contract.FORMAT_VERSION}; "
@@ -109,18 +112,18 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
     _check_names("output", contract.REQUIRED_OUTPUTS, [port.name for port in session.get_outputs()], path)
     bytes_per_ray = _bytes(metadata, contract.META_BYTES_PER_RAY, path, ModelFacts.bytes_per_ray)
     rendered = max(bytes_per_ray, ModelFacts.bytes_per_rendered_ray)
-    num_frames = _number(metadata, contract.META_NUM_FRAMES, path, int, _countable)
+    num_frames = parsed(metadata, contract.META_NUM_FRAMES, path, int, _countable)
     return ModelFacts(
-        clip_name=_text(metadata, contract.META_CLIP_NAME, path),
+        clip_name=text(metadata, contract.META_CLIP_NAME, path),
         num_frames=num_frames,
-        height=_number(metadata, contract.META_HEIGHT, path, int, _countable),
-        width=_number(metadata, contract.META_WIDTH, path, int, _countable),
-        fps=_number(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
-        preset=_text(metadata, contract.META_PRESET, path),
-        occlusion_threshold=_number(
+        height=parsed(metadata, contract.META_HEIGHT, path, int, _countable),
+        width=parsed(metadata, contract.META_WIDTH, path, int, _countable),
+        fps=parsed(metadata, contract.META_FPS, path, float, lambda value: 0 < value < math.inf),
+        preset=text(metadata, contract.META_PRESET, path),
+        occlusion_threshold=parsed(
             metadata, contract.META_OCCLUSION_THRESHOLD, path, float, lambda value: 0 <= value <= 1
         ),
-        object_share=_number(
+        object_share=parsed(
             {contract.META_OBJECT_SHARE: repr(ModelFacts.object_share), **metadata},
             contract.META_OBJECT_SHARE,
             path,
@@ -130,7 +133,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
         bytes_per_ray=bytes_per_ray,
         bytes_per_rendered_ray=_bytes(metadata, contract.META_BYTES_PER_RENDERED_RAY, path, rendered),
         times=_times(metadata, num_frames, path),
-        pixel_aspect=_number(
+        pixel_aspect=parsed(
             {contract.META_PIXEL_ASPECT: repr(ModelFacts.pixel_aspect), **metadata},
             contract.META_PIXEL_ASPECT,
             path,
@@ -138,6 +141,7 @@ def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:
             lambda value: 0 < value < math.inf,
         ),
         quality=_quality(metadata, path),
+        origin=read_origin(metadata, path),
     )
 
 
@@ -176,41 +180,18 @@ def _check_names(kind: str, required: Sequence[str], present: Sequence[str], pat
         raise ModelFileError(f"{path} lacks the {kind} {', '.join(missing)}; export the model again")
 
 
-def _text(metadata: Mapping[str, str], key: str, path: Path) -> str:
-    if key not in metadata:
-        raise ModelFileError(f"{path} lacks the metadata {key}; export the model again")
-    return metadata[key]
-
-
-def _number(
-    metadata: Mapping[str, str],
-    key: str,
-    path: Path,
-    parse: Callable[[str], _Value],
-    valid: Callable[[_Value], bool],
-) -> _Value:
-    text = _text(metadata, key, path)
-    try:
-        value = parse(text)
-    except ValueError:
-        value = None
-    if value is None or not valid(value):
-        raise ModelFileError(f"{path} has the impossible metadata {key} = {text!r}; export the model again")
-    return value
-
-
 def _times(metadata: Mapping[str, str], num_frames: int, path: Path) -> tuple[float, ...] | None:
     """None where the file does not say."""
     if contract.META_TIMES not in metadata:
         return None
-    text = metadata[contract.META_TIMES]
+    listed = metadata[contract.META_TIMES]
     try:
-        times = np.array(json.loads(text), np.float64)
+        times = np.array(json.loads(listed), np.float64)
     except (ValueError, TypeError, RecursionError):
         times = np.empty(0)
     if times.shape != (num_frames,) or times[0] != 0 or not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
         raise ModelFileError(
-            f"{path} has the impossible metadata {contract.META_TIMES} = {text[:40]!r}: it must be a list of "
+            f"{path} has the impossible metadata {contract.META_TIMES} = {listed[:40]!r}: it must be a list of "
             f"{num_frames} rising seconds from 0; export the model again"
         )
     return tuple(times.tolist())
@@ -235,7 +216,7 @@ def _countable(value: int) -> bool:
 
 def _bytes(metadata: Mapping[str, str], key: str, path: Path, otherwise: int) -> int:
     """`otherwise` where the file does not say."""
-    return _number({key: str(otherwise), **metadata}, key, path, int, lambda value: value >= 1)
+    return parsed({key: str(otherwise), **metadata}, key, path, int, lambda value: value >= 1)
 
 
 def _reason(error: Exception) -> str:

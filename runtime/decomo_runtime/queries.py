@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError
 from decomo_runtime.model_file import ModelFacts
-from decomo_runtime.tables import Table, opened_table
+from decomotion.tables import Table, opened_table
 
 COLUMNS = ("t", "x", "y")
 

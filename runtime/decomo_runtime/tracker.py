@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.card import Card
 from decomo_runtime.chunks import query_chunks
 from decomo_runtime.dense import Dense, dense_flows
 from decomo_runtime.expected_error import expected_error
@@ -43,9 +44,11 @@ class Tracker:
         self, path: str | os.PathLike[str], *, providers: Providers | str | None = None, threads: int | None = None
     ) -> None:
         self.path = Path(path)
+        """As it was given."""
         self._opened_with = (Path(path).absolute(), providers, threads)
         self._models = WindowModels(self.path, partial(Model, providers=providers, threads=threads))
         self.facts = self._models.facts
+        """What the file says of its clip."""
 
     @property
     def clip_name(self) -> str:
@@ -94,6 +97,11 @@ class Tracker:
         Of a clip of several windows, that of the window which misses them the most.
         """
         return self.facts.quality
+
+    @property
+    def card(self) -> Card:
+        """What the model is of, how it came to be, and how good it is, as far as its files tell."""
+        return self._models.card(self.path)
 
     @property
     def occlusion_threshold(self) -> float:

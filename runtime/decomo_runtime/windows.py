@@ -15,10 +15,11 @@ import numpy.typing as npt
 from decomo_runtime.errors import ModelFileError
 from decomo_runtime.model import Appearance, Model
 from decomo_runtime.model_file import ModelFacts
-from decomotion.quality import Quality
+from decomotion.quality import worst
 from decomotion.windows import FILE_NAME, Window, Windows
 
 if TYPE_CHECKING:
+    from decomo_runtime.card import Card
     from decomo_runtime.returning import Returning
 
 MOST_OPEN = 8
@@ -59,7 +60,10 @@ class WindowModels:
             )
             return
         if not (path / FILE_NAME).is_file():
-            raise ModelFileError(f"{path} is a folder without {FILE_NAME}; give the .onnx file inside it")
+            raise ModelFileError(
+                f"{path} is a folder without {FILE_NAME}; give what decomo-export wrote: an .onnx file, or the folder "
+                "of a clip of several windows"
+            )
         self.layout = Windows.load(path / FILE_NAME, ModelFileError)
         self._files = [path / f"{window.name}.onnx" for window in self.layout.windows]
         missing = [file.name for file in self._files if not file.is_file()]
@@ -74,11 +78,35 @@ class WindowModels:
             fps=self.layout.fps,
             times=self.layout.seconds,
             pixel_aspect=self.layout.pixel_aspect,
-            quality=_worst(self.layout.quality or ()),
+            quality=worst(self.layout.quality or ()),
         )
 
     def __len__(self) -> int:
         return len(self._files)
+
+    def card(self, path: Path) -> Card:
+        """What the models say about themselves; `path` is what the user gave."""
+        from decomo_runtime.card import Card, window_cards
+
+        layout, facts = self.layout, self.facts
+        qualities = (facts.quality,) if len(self) == 1 else layout.quality or (None,) * len(self)
+        windows = window_cards(self._files, [(each.begin, each.end) for each in layout.windows], qualities)
+        return Card(
+            path=path,
+            bytes=sum(each.bytes for each in windows),
+            clip_name=facts.clip_name,
+            num_frames=facts.num_frames,
+            height=facts.height,
+            width=facts.width,
+            fps=facts.fps,
+            seconds=float(layout.times[-1]) + 1 / facts.fps,
+            pixel_aspect=facts.pixel_aspect,
+            windows=windows,
+            preset=facts.preset,
+            origin=facts.origin,
+            quality=facts.quality,
+            providers=self[0].providers,
+        )
 
     def __getitem__(self, number: int) -> Model:
         with self._lock:
@@ -131,8 +159,3 @@ class WindowModels:
         """Each window that is the home of some queries, and their rows."""
         home = self.layout.home(queries[:, 0].astype(np.int64))
         return [(int(number), np.flatnonzero(home == number)) for number in np.unique(home)]
-
-
-def _worst(qualities: Iterable[Quality | None]) -> Quality | None:
-    """Of the windows that tell, the one whose held-out links are missed the most in the median."""
-    return max((each for each in qualities if each is not None), key=lambda each: each.all.median, default=None)

@@ -11,7 +11,7 @@ const require = createRequire(import.meta.url);
 
 /** The files that decide the page, in order of their paths; `tests/runtime/test_view_page.py` reads the same list. */
 function sources(): string[] {
-  const named = ["index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts"];
+  const named = ["../decomo_runtime/expected_error.json", "index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts"];
   const inSource = readdirSync(join(here, "src"), { recursive: true, withFileTypes: true })
     .filter((entry) => entry.isFile())
     .map((entry) => relative(here, join(entry.parentPath, entry.name)).split(sep).join("/"));

@@ -13,9 +13,9 @@ import baselines
 import development
 import scoring
 import workers
-from decomo_eval.bench import task
 from decomotion.console import run
 from decomotion.errors import TrainingError
+from decomotion.jobs import clip_task
 from tiny_fit import sliding_square, write_truth
 
 OFFICIAL = """
@@ -108,7 +108,7 @@ sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from tiny_model import write_tiny_model
 write_tiny_model(pathlib.Path(sys.argv[1]), num_frames=8, width=40, height=28, clip_name="sliding")
 """
-    monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
+    monkeypatch.setattr(clip_task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
     monkeypatch.setenv("DECOMO_CACHE", "")  # so that it is put back
     truth = write_truth(sliding_square(), tmp_path / "truth.pkl")
     assert run(workers.main, [str(truth), "--time-budget", "2s", "--json", str(tmp_path / "record.json")]) == 0

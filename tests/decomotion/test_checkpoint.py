@@ -21,6 +21,7 @@ from decomotion.config import load as load_config
 from decomotion.errors import CheckpointError
 from decomotion.model.fusion import DecoMotion
 from decomotion.quality import Figures, GapFigures, Quality
+from decomotion.source import code_version
 from full_disk import writes_end_at
 from tiny_fit import TINY_PRESETS, randomised, sliding_square, tiny_model
 
@@ -99,12 +100,13 @@ def test_how_good_the_fit_is_comes_back(path: Path, model: DecoMotion):
 
 def test_a_file_from_before_fits_were_measured(path: Path):
     content = torch.load(path, weights_only=True)
-    del content["thinned"], content["quality"]
+    assert load(path).code == code_version()
+    del content["thinned"], content["quality"], content["code"]
     torch.save(content, path)
-    assert (load(path).thinned, load(path).quality) == (None, None)
+    assert (load(path).thinned, load(path).quality, load(path).code) == (None, None, None)
 
 
-@pytest.mark.parametrize("damage", [{"quality": "{}"}, {"quality": 3}, {"thinned": 3}])
+@pytest.mark.parametrize("damage", [{"quality": "{}"}, {"quality": 3}, {"thinned": 3}, {"code": 3}])
 def test_damaged_figures(path: Path, damage: dict[str, object]):
     change(path, **damage)
     with pytest.raises(CheckpointError, match="is not a decomotion checkpoint, or is damaged"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import logging
 import threading
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from collections.abc import Callable
 import click
 import pytest
 
+import decomotion
 from decomotion.console import run
 from decomotion.errors import CheckpointError, ClipError, ConfigError, InputError, SupervisionError, TrainingError
 
@@ -50,6 +52,21 @@ def test_bad_input_is_2_and_one_sentence(family: type[InputError], capsys: pytes
 def test_bad_usage_is_2_and_names_the_argument(argv: list[str], capsys: pytest.CaptureFixture[str]):
     assert run(command_that(lambda: None), argv) == 2
     assert argv[-1 if argv[0] != "--stepz" else 0] in capsys.readouterr().err
+
+
+def test_commands_of_a_group_tell_their_version_too(capsys: pytest.CaptureFixture[str]):
+    group = click.Group("tool", commands=[raising(AssertionError("ran"))])
+    for argv in (["--version"], ["command", "--version"]):
+        assert run(group, argv) == 0
+        assert capsys.readouterr().out.endswith(f" {decomotion.__version__}\n")
+
+
+def test_what_the_output_s_encoding_lacks_is_escaped(monkeypatch: pytest.MonkeyPatch):
+    output = io.TextIOWrapper(io.BytesIO(), encoding="cp1252", newline="")
+    monkeypatch.setattr("sys.stdout", output)
+    assert run(command_that(lambda: click.echo("clip café 猫")), []) == 0
+    output.flush()
+    assert output.buffer.getvalue() == "clip café ".encode("cp1252") + b"\\u732b\n"
 
 
 def test_failed_optimisation_is_1(capsys: pytest.CaptureFixture[str]):
@@ -98,9 +115,13 @@ def test_a_full_disk_in_a_thread_is_told_by_who_waits_for_it(
     assert threading.excepthook is hook
 
 
-def test_without_the_training_extra_it_says_what_to_install(capsys: pytest.CaptureFixture[str]):
-    assert run(raising(ModuleNotFoundError("No module named 'torch.nn'", name="torch.nn")), []) == 2
-    assert capsys.readouterr().err == "Error: torch is not installed; run: pip install 'decomotion[train]'\n"
+@pytest.mark.parametrize(
+    ("module", "extra"), [("torch.nn", "train"), ("torchvision.models", "raft"), ("timm", "dino"), ("jinja2", "report")]
+)
+def test_without_an_extra_it_says_what_to_install(module: str, extra: str, capsys: pytest.CaptureFixture[str]):
+    assert run(raising(ModuleNotFoundError(f"No module named {module!r}", name=module)), []) == 2
+    library = module.split(".")[0]
+    assert capsys.readouterr().err == f"Error: {library} is not installed; run: pip install 'decomotion[{extra}]'\n"
 
 
 @pytest.mark.parametrize(

@@ -239,7 +239,7 @@ class TestDino:
     def test_no_timm(self, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setitem(sys.modules, "timm", None)
         monkeypatch.delitem(sys.modules, "decomotion.data.features.dino", raising=False)
-        with pytest.raises(SupervisionError, match=r"pip install 'decomotion\[train\]'"):
+        with pytest.raises(SupervisionError, match=r"^features dino need timm, .* 'decomotion\[dino\]', or take"):
             extractor("dino")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import sys
 from pathlib import Path
 
 import cv2
@@ -212,6 +213,17 @@ class TestRaft:
     def test_no_file(self, tmp_path: Path):
         with pytest.raises(SupervisionError, match="does not exist"):
             build_flow(raft(tmp_path / "nowhere.pth"))
+
+    @pytest.mark.parametrize("kind", ["raft-small", "raft-large"])
+    def test_no_torchvision(self, kind: str, monkeypatch: pytest.MonkeyPatch):
+        for module in [name for name in sys.modules if name.split(".")[0] == "torchvision"]:
+            monkeypatch.delitem(sys.modules, module)
+        monkeypatch.setitem(sys.modules, "torchvision", None)
+        with pytest.raises(
+            SupervisionError,
+            match=rf"^flow {kind} needs torchvision, .* pip install 'decomotion\[raft\]', or take --flow dis$",
+        ):
+            build_flow(raft(None, kind))
 
     def test_no_internet(self, monkeypatch: pytest.MonkeyPatch):
         def unreachable(*_: object, **__: object) -> dict[str, Tensor]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import torch
 
 from decomotion.cli import command as train
 from decomotion.data import prepare as preparation
-from decomotion.data.preview import COLUMNS, ROWS
+from decomotion.data.preview import COLUMNS, ROWS, flow_colours
 from decomotion.prepare_cli import command, main
 from tiny_fit import FRAMES, HEIGHT, TINY_CPU, WIDTH, sliding_square, write_frames
 
@@ -107,6 +108,44 @@ def test_refused_before_any_work(
     assert out == ""
     assert len(err.splitlines()) == 1 or "Usage" in err
     assert not list(tmp_path.glob("cache/*/*"))
+
+
+@pytest.mark.parametrize(
+    ("argv", "library", "extra"),
+    [
+        (["--flow", "raft-small"], "torchvision", "raft"),
+        (["--features", "dino"], "timm", "dino"),
+        (["--preset", "paper"], "torchvision", "raft"),
+        (["--preset", "paper", "--flow", "dis"], "timm", "dino"),
+    ],
+)
+def test_an_extra_that_is_not_installed_is_named_before_any_work(
+    frames: Path,
+    argv: list[str],
+    library: str,
+    extra: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+):
+    for module in [name for name in sys.modules if name.split(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.delitem(sys.modules, "decomotion.data.features.dino", raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    assert main([str(frames), *argv]) == 2
+    out, err = capsys.readouterr()
+    assert f" need{'s' * (library == 'torchvision')} {library}, which is not installed; run: pip install " in err
+    assert f"'decomotion[{extra}]'" in err
+    assert len(err.splitlines()) == 1
+    assert out == ""
+    assert not list(tmp_path.glob("cache/*/*"))
+
+
+def test_flow_is_coloured_by_its_direction_and_length():
+    flow = np.array([[[0, 0], [4, 0], [-4, 0], [0, 2], [2, 0]]], np.float32)
+    colours = flow_colours(flow)
+    assert colours[0].tolist() == [[255, 255, 255], [255, 0, 0], [0, 255, 255], [191, 255, 128], [255, 128, 128]]
+    assert (flow_colours(np.zeros((2, 3, 2), np.float32)) == 255).all()
 
 
 def test_the_paper_preset_without_internet(

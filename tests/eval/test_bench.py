@@ -15,25 +15,27 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from children import child
-from decomo_eval.bench import run, task
+from decomo_eval.bench import run
 from decomo_eval.bench.cli import main
-from decomo_eval.bench.task import COMMANDS
 from decomo_eval.dataset import Video, read_dataset, write_frames
 from decomo_eval.errors import EvalError, PredictionError
 from decomotion.clip import read_clip
-from decomotion.errors import EngineError
-from decomotion.jobs import cluster
+from decomotion.errors import EngineError, InputError
+from decomotion.jobs import clip_task, cluster
 from decomotion.jobs import task as job
+from decomotion.jobs.clip_task import COMMANDS, ClipTask
 from decomotion.jobs.cluster import ENVIRONMENT, RayEngine
-from decomotion.jobs.engine import Room, run_tasks
+from decomotion.jobs.engine import LocalEngine, Room
 from decomotion.jobs.lock import alone
-from decomotion.jobs.task import Outcome
+from decomotion.jobs.task import Outcome, Place
 
 TRAIN = """
 import json, os, pathlib, signal, sys, time
@@ -62,19 +64,48 @@ if order.startswith("waits for "):
         if pathlib.Path("calls", order.removeprefix("waits for "), "1").exists():
             break
         time.sleep(0.1)
+if order == "killed in the middle" and "--resume" not in sys.argv:
+    from decomotion.config import load
+    from decomotion.record import Record
+    from decomotion.schedule import Budget
+    Record("digest", load("cpu"), 0, Budget(1)).write(pathlib.Path(run))
+    pathlib.Path(run, "progress").write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+if order == "killed in the middle":
+    assert pathlib.Path(run, "progress").read_text() == "half"
+if order == "does not go on" and "--resume" in sys.argv:
+    print("Error: the checkpoint is damaged")
+    sys.exit(2)
+if order == "is long":
+    pathlib.Path(run).mkdir()
+    pathlib.Path(run, "windows.json").touch()
+    sys.exit()
 if order == "fails":
     print("some progress\\nError: nothing moves in it")
     sys.exit(2)
-pathlib.Path(run).mkdir()
+pathlib.Path(run).mkdir(exist_ok=True)
 """
 EXPORT = """
 import json, pathlib, sys
 model, _, run = sys.argv[1:4]
 pathlib.Path("{root}", "export.json").write_text(json.dumps(sys.argv[1:]))
 assert pathlib.Path(run).is_dir()
+order = pathlib.Path("{root}", "plan", pathlib.Path(model).stem)
+if order.exists() and order.read_text() == "is broken":
+    pathlib.Path(model).write_bytes(b"no model")
+    sys.exit()
+if order.exists() and order.read_text() == "export fails":
+    sys.exit(2)
 sys.path.insert(0, "{tests}")
 from tiny_model import write_tiny_model
-write_tiny_model(pathlib.Path(model), num_frames=11, width=32, height=20, clip_name="clip")
+file, facts = pathlib.Path(model), dict(num_frames=11, width=32, height=20)
+if pathlib.Path(run, "windows.json").is_file():
+    from decomotion.windows import Window, Windows
+    file.mkdir()
+    layout = Windows("clip", 11, 20, 32, 12.5, (Window("window-000", 0, 11),))
+    layout.save(file / "windows.json")
+    file = file / "window-000.onnx"
+write_tiny_model(file, **facts, clip_name="clip")
 """
 
 Bench = Callable[..., int]
@@ -89,7 +120,7 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
     tests = Path(__file__).parents[1]
     train = TRAIN.replace("{root}", str(tmp_path))
     export = EXPORT.replace("{tests}", str(tests)).replace("{root}", str(tmp_path))
-    monkeypatch.setattr(task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
+    monkeypatch.setattr(clip_task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
     return lambda *options: main([str(dataset), "--out", "out", *options])
 
 
@@ -129,7 +160,12 @@ def test_every_video_is_fitted_once_and_scored(bench: Bench, capsys: pytest.Capt
     assert summary["mean"]["average_jaccard"] >= 0
     assert summary["hours_for"]["1000"] == pytest.approx(summary["seconds_per_video"] * 1000 / 2 / 3600, abs=0.01)
     assert Path("out/report/index.html").is_file()
-    assert sorted(file.name for file in Path("out/videos/left").iterdir()) == ["log.txt", "run", "task.json"]
+    assert sorted(file.name for file in Path("out/videos/left").iterdir()) == [
+        "log.txt",
+        "made.json",
+        "run",
+        "task.json",
+    ]
     assert bench() == 0
     assert (calls("left"), calls("right")) == (1, 1)
     again = json.loads(Path("out/summary.json").read_text())
@@ -187,7 +223,7 @@ def test_a_model_of_other_frames_is_not_scored(
     dataset_content["left"]["video"][3] += 1
     dataset.write_bytes(pickle.dumps(dataset_content))
     assert bench() == 1
-    assert "left.onnx was fitted to other frames than the dataset's; move it away" in capsys.readouterr().err
+    assert "left.onnx was fitted to other frames than the clip has now; move it away" in capsys.readouterr().err
     scores = json.loads(Path("out/report/scores.json").read_text())
     assert (list(scores["videos"]), scores["missing"]) == (["right"], ["left"])
     assert (calls("left"), calls("right")) == (1, 1)
@@ -202,11 +238,125 @@ def test_a_disk_s_error_costs_one_video(bench: Bench, monkeypatch: pytest.Monkey
             raise OSError("no space left on device")
         return write_frames(video, folder)
 
-    monkeypatch.setattr(task, "write_frames", full)
+    monkeypatch.setattr(run, "write_frames", full)
     assert bench() == 1
     (failed,) = json.loads(Path("out/summary.json").read_text())["failed"]
     assert failed["error"] == "no space left on device"
     assert (calls("left"), calls("right")) == (0, 1)
+
+
+def test_a_damaged_entry_costs_one_video(
+    bench: Bench, dataset: Path, dataset_content: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    del dataset_content["left"]["occluded"]
+    dataset.write_bytes(pickle.dumps({**dataset_content, "../up": dataset_content["right"]}))
+    assert bench() == 1
+    said = capsys.readouterr().err
+    assert "video left of" in said
+    assert "lacks one of the keys" in said
+    assert "'../up' has a name that cannot be a file's" in said
+    scores = json.loads(Path("out/report/scores.json").read_text())
+    assert (list(scores["videos"]), sorted(scores["missing"])) == (["right"], ["../up", "left"])
+    assert bench("--videos", "right") == 0
+
+
+def test_a_model_that_does_not_open_costs_one_video(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("plan/left").write_text("is broken")
+    assert bench() == 1
+    assert "left: it cannot be scored (" in capsys.readouterr().err
+    scores = json.loads(Path("out/report/scores.json").read_text())
+    assert (list(scores["videos"]), scores["missing"]) == (["right"], ["left"])
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert [[outcome["name"] for outcome in summary[how]] for how in ("finished", "failed")] == [["right"], ["left"]]
+    assert summary["mean"] is not None
+
+
+def test_no_model_may_open(bench: Bench) -> None:
+    Path("plan/left").write_text("is broken")
+    assert bench("--videos", "left") == 1
+    assert not list(Path("out/report").iterdir())
+    assert json.loads(Path("out/summary.json").read_text())["mean"] is None
+
+
+def test_the_summary_is_of_all_that_is_there_whatever_is_asked_for(bench: Bench) -> None:
+    Path("plan/left").write_text("fails")
+    assert bench() == 1
+    assert bench("--videos", "right") == 0  # what was asked for went well
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert (summary["failed"], summary["failed_before"]) == ([], ["left"])
+    assert json.loads(Path("out/report/scores.json").read_text())["missing"] == ["left"]
+    Path("plan/left").unlink()
+    assert bench("--videos", "left") == 0
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert sorted(outcome["name"] for outcome in summary["finished"]) == ["left", "right"]
+    assert sorted(json.loads(Path("out/report/scores.json").read_text())["videos"]) == ["left", "right"]
+
+
+def test_estimates_are_of_as_many_as_there_is_room_for(
+    bench: Bench, dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of eight that are submitted two run, as on a Ray of two CPUs."""
+
+    class Small(LocalEngine):
+        @contextmanager
+        def start(self) -> Iterator[Room]:
+            with super().start() as room:
+                yield replace(room, fit=lambda: 2)
+
+    summary = run.bench(dataset, "out", (), engine=Small(jobs=8))
+    assert summary.jobs == 2
+    assert {outcome.jobs for outcome in summary.finished} == {2}
+    assert Room(8, Small().start, lambda: 0).at_a_time == 1  # pyright: ignore[reportArgumentType]
+
+
+def test_a_fit_that_was_killed_goes_on_where_it_was(bench: Bench) -> None:
+    """In the next attempt, and in the next run where it was the last one."""
+    Path("plan/left").write_text("killed in the middle")
+    assert bench("--videos", "left", "--attempts", "1") == 1
+    assert bench("--videos", "left", "--attempts", "1") == 0
+    assert calls("left") == 2
+    Path("plan/right").write_text("killed in the middle")
+    assert bench("--attempts", "2") == 0
+    assert calls("right") == 2
+    assert Path("out/videos/right/run/progress").is_file()
+
+
+def test_a_fit_of_other_options_does_not_go_on(bench: Bench) -> None:
+    Path("plan/left").write_text("killed in the middle")
+    only = ("--videos", "left", "--attempts", "1")
+    assert bench(*only) == 1
+    assert bench(*only, "--seed", "1") == 1
+    assert "--resume" not in json.loads(Path("arguments.json").read_text())
+
+
+def test_a_run_that_does_not_go_on_is_begun_anew(bench: Bench) -> None:
+    only = ("--videos", "left", "--attempts", "1")
+    Path("plan/left").write_text("killed in the middle")
+    assert bench(*only) == 1
+    Path("plan/left").write_text("does not go on")
+    assert bench(*only) == 1
+    assert bench(*only) == 0
+    assert calls("left") == 3
+
+
+def test_a_fit_whose_export_failed_is_kept(bench: Bench) -> None:
+    Path("plan/left").write_text("export fails")
+    only = ("--videos", "left", "--attempts", "1")
+    assert bench(*only) == 1
+    Path("plan/left").unlink()
+    (attempt,) = Path("out/videos/left").glob(".attempt-*")
+    (attempt / "run" / "kept").touch()
+    assert bench(*only) == 0
+    assert Path("out/videos/left/run/kept").is_file()
+
+
+def test_a_long_video_becomes_windows(bench: Bench) -> None:
+    Path("plan/left").write_text("is long")
+    assert bench("--videos", "left") == 0
+    assert Path("out/models/left/windows.json").is_file()
+    assert list(json.loads(Path("out/report/scores.json").read_text())["videos"]) == ["left"]
+    assert bench("--videos", "left") == 0
+    assert calls("left") == 1
 
 
 def test_frames_are_fitted_at_the_resolution_asked_for(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
@@ -306,29 +456,32 @@ def test_what_cannot_be_removed_fails_no_finished_video(bench: Bench, monkeypatc
             raise OSError("Directory not empty")
         remove(path, ignore_errors=True)
 
-    monkeypatch.setattr(task.shutil, "rmtree", busy)
+    monkeypatch.setattr(shutil, "rmtree", busy)
     assert bench("--videos", "left", "--attempts", "1") == 0
 
 
 def test_the_model_of_a_lost_attempt_counts(dataset: Path, tmp_path: Path) -> None:
-    left = task.VideoTask("left", tmp_path / "out", (), attempts=1)
+    class Lossy:
+        @contextmanager
+        def start(self) -> Iterator[Room]:
+            yield Room(1, lost)
 
-    def lost(one: task.VideoTask, _: int) -> Future[Outcome]:
+    def lost(one: Any, _: int) -> Future[Outcome]:
         one.model.parent.mkdir(parents=True)
         one.model.touch()
         future: Future[Outcome] = Future()
         future.set_exception(OSError("the worker died"))
         return future
 
-    batch = run._Batch(read_dataset(dataset))
-    (outcome,) = run_tasks([left], Room(1, lost), batch.ready, batch.record)
+    videos = read_dataset(dataset)
+    (outcome,) = run._fits(videos, run._tasks(["left"], tmp_path / "out", (), 1)[0]).run(Lossy()).finished
     assert (outcome.attempts, outcome.error) == (1, None)
 
 
 @pytest.mark.parametrize("name", ["../up", ".hidden", "a/b", ""])
 def test_names_that_are_no_files_are_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(task.DatasetError, match="cannot be a file's"):
-        task.VideoTask(name, tmp_path, (), 1)
+    with pytest.raises(InputError, match="cannot be a file's"):
+        ClipTask(name, tmp_path, "clip", (), 1)
 
 
 def test_cores_are_shared_out_or_given(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -341,16 +494,13 @@ def test_cores_are_shared_out_or_given(bench: Bench, monkeypatch: pytest.MonkeyP
 
 def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path, tmp_path: Path) -> None:
     """It goes on writing where it was; the next one works in another folder, and does away with the first."""
-    from decomo_eval.dataset import read_dataset
-
-    video = read_dataset(dataset)["left"]
-    left = task.VideoTask("left", tmp_path / "out", ("--preset", "cpu"), attempts=2)
-    left.prepare(video)
+    ((left,), _) = run._tasks(["left"], tmp_path / "out", ("--preset", "cpu"), 2)
+    write_frames(read_dataset(dataset)["left"], Path(left.source))
     lost = left.folder / ".attempt-lost"
     (lost / "run").mkdir(parents=True)
-    assert left.attempt(2, threads=1).error is None
+    assert left.attempt(2, Place(threads=1)).error is None
     assert left.model.is_file()
-    assert sorted(file.name for file in left.folder.iterdir()) == ["log.txt", "run"]
+    assert sorted(file.name for file in left.folder.iterdir()) == ["frames", "log.txt", "made.json", "run"]
 
 
 def test_what_ray_is_told_by_the_environment_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -377,10 +527,9 @@ def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkey
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "0,1")
     seen = []
     monkeypatch.setattr(
-        job, "_run", lambda line, log, environment: seen.append(environment["CUDA_VISIBLE_DEVICES"]) or 1
+        job, "_run", lambda line, log, environment, _: seen.append(environment["CUDA_VISIBLE_DEVICES"]) or 1
     )
-    left = task.VideoTask("left", tmp_path / "out", (), attempts=1)
-    left.frames.mkdir(parents=True)
+    left = ClipTask("left", tmp_path / "out", str(tmp_path), (), attempts=1)
     for on_gpu in (False, True):
         cluster._attempt(left, 1, 1, on_gpu)
     assert seen == ["", "0,1"]
@@ -388,8 +537,9 @@ def test_a_worker_without_a_gpu_keeps_its_own_environment(tmp_path: Path, monkey
 
 
 def test_a_folder_that_machines_do_not_share_is_named(tmp_path: Path) -> None:
-    outcome = task.VideoTask("left", tmp_path / "out", (), attempts=1).attempt(1, threads=1)
-    assert "--out has to be a folder that all machines share" in str(outcome.error)
+    outcome = ClipTask("left", tmp_path / "out", str(tmp_path / "left"), (), attempts=1).attempt(1, Place(threads=1))
+    assert "left is not there on" in str(outcome.error)
+    assert "it has to be in a folder that all machines share" in str(outcome.error)
 
 
 @pytest.mark.slow
@@ -426,11 +576,12 @@ def test_a_ray_reached_by_its_address(bench: Bench, ray_address: str, capsys: py
     assert "no node of the Ray cluster has 99 CPUs and 0 GPUs; ask for less" in capsys.readouterr().err
     Path("plan/left").write_text("kills its worker once")
     Path("plan/right").write_text("fails")
-    assert bench(*on_ray, "--attempts", "2") == 1
+    assert bench(*on_ray, "--attempts", "2", "--jobs", "8") == 1
     assert (calls("left"), calls("right")) == (2, 2)
     assert Path("calls/left/1").read_text() == "1 "  # no GPU was reserved, none is seen
     summary = json.loads(Path("out/summary.json").read_text())
     assert summary["jobs"] == 2  # what has room
+    assert summary["finished"][0]["jobs"] == 2
     assert [outcome["name"] for outcome in summary["failed"]] == ["right"]
     assert bench(*on_ray, "--videos", "left") == 0  # Ray is still there, and left is done
     assert calls("left") == 2

@@ -27,12 +27,13 @@ def test_scores_are_printed_and_written(
     assert printed[0].split() == ["AJ", "<", "delta_avg", "OA", "TC", "px"]
     assert printed[1].split() == ["left", "100.0", "100.0", "100.0", "0.00"]
     assert printed[3].split() == ["mean", "100.0", "100.0", "100.0", "0.00"]
+    assert printed[-3] == "AJ after re-detection 100.0, survival 100.0, median trajectory error 0.00 px"
     assert printed[-2] == ("strided, mean over 2 of 2 videos: AJ 100.0, < delta_avg 100.0, OA 100.0, TC 0.00 px")
     assert printed[-1] == f"wrote {out}"
     written = json.loads(out.read_text())
     assert list(written) == [
         *("dataset", "query_mode", "tracker", "resolution"),
-        *("videos", "mean", "interval", "splits", "missing", "undefined", "without_masks"),
+        *("videos", "mean", "interval", "splits", "missing", "undefined", "without_masks", "figures"),
     ]
     assert written["dataset"] == str(dataset)
     assert written["query_mode"] == "strided"
@@ -140,7 +141,7 @@ def test_bad_predictions_leave_the_former_json(
 
 def test_help_shows_defaults(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tapvid", "--help"]) == 0
-    assert "[default: strided]" in capsys.readouterr().out
+    assert "[default: strided;" in capsys.readouterr().out
 
 
 def test_a_baseline_needs_no_files_and_its_name_is_kept(

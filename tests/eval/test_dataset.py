@@ -21,7 +21,7 @@ def read(tmp_path: Path) -> Callable[[Any], dict[str, Video]]:
     def read(content: Any) -> dict[str, Video]:
         path = tmp_path / "dataset.pkl"
         path.write_bytes(pickle.dumps(content))
-        return read_dataset(path)
+        return dict(read_dataset(path))
 
     return read
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from clip_files import turned_jpeg
-from decomo_eval import dataset as module
 from decomo_eval.dataset import read_dataset
 from decomo_eval.errors import DatasetError, UnsafePickleError
+from decomo_eval.readers import tapvid as module
 from decomotion.clip import read_clip
 
 
@@ -82,7 +82,10 @@ def test_hidden_files_are_no_videos(tmp_path: Path, entry: dict[str, Any]) -> No
 
 
 def test_what_a_folder_lacks_is_named(tmp_path: Path, entry: dict[str, Any]) -> None:
-    with pytest.raises(DatasetError, match=r"neither .pkl, TAP-Vid's files, nor .npz"):
+    with pytest.raises(
+        DatasetError,
+        match=r"holds no dataset that is known \(tapvid: a pickle, or a folder of .pkl; folder: a folder of",
+    ):
         read_dataset(tmp_path)
     np.savez(tmp_path / "alone.npz", tracks=entry["points"], occluded=entry["occluded"])
     with pytest.raises(DatasetError, match=r"and .*alone the video's frames"):

@@ -45,12 +45,31 @@ def arrays(layout: str, queries: Queries, convention: Convention, size: tuple[in
             "expected_dist": np.full_like(logits, -5.0)[None],
         },
         "tapvid": {"query_points": tyx[None], "pred_tracks": tracks[None], "pred_occluded": ~visible[None]},
+        "locotrack": {
+            "query_points": tyx[None],
+            "tracks": tracks[None],
+            "occlusion": -logits[None],
+            "expected_dist": np.full_like(logits, -5.0)[None],
+            "unrefined_tracks": np.zeros((2, *tracks.shape)),
+        },
+        "track-on": {
+            "queries": txy[None],
+            "pred_trajectory": tracks.swapaxes(0, 1)[None],
+            "pred_visibility": visible.T[None],
+        },
+        "tapnext": {
+            "query_points": tyx[None],
+            "tracks": tracks.swapaxes(0, 1)[None, ..., ::-1],
+            "track_logits": np.zeros((1, *tracks.shape[1::-1], 6)),
+            "visible_logits": logits.T[None, ..., None],
+        },
         "pips": {"trajs_e": tracks.swapaxes(0, 1)[None], "vis_e": logits.T[None]},
         "pips probabilities": {"trajs_e": tracks.swapaxes(0, 1), "vis_e": visible.T * 0.8, "queries": txy},
     }[layout]
 
 
-LAYOUTS = ["cotracker", "tapir", "tapir logits", "tapvid", "pips", "pips probabilities"]
+LAYOUTS = ["cotracker", "track-on", "tapir", "tapir logits", "locotrack", "tapnext", "tapvid"]
+LAYOUTS += ["pips", "pips probabilities"]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -92,12 +111,12 @@ def test_cotracker_s_scores_are_cut_where_its_own_evaluation_does(
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("layout", ["cotracker", "tapir", "tapvid", "pips probabilities"])
+@pytest.mark.parametrize("layout", ["cotracker", "track-on", "tapir", "tapnext", "tapvid", "pips probabilities"])
 def test_tracks_with_x_and_y_exchanged_are_refused(
     layout: str, size: tuple[int, int], left: tuple[Video, Queries], tmp_path: Path
 ) -> None:
     content = arrays(layout, left[1], Convention.EDGES, size)
-    key = next(key for key in ("tracks", "pred_tracks", "trajs_e") if key in content)
+    key = next(key for key in ("tracks", "pred_tracks", "pred_trajectory", "trajs_e") if key in content)
     np.savez(tmp_path / "left.npz", **{**content, key: content[key][..., ::-1]})
     with pytest.raises(PredictionError, match="only with x and y exchanged"):
         from_npz(tmp_path / "left.npz", *left)
@@ -113,6 +132,12 @@ def test_tracks_with_x_and_y_exchanged_are_refused(
         ("tapir", {"visibles": None}, "lacks the key occluded"),
         ("tapir", {"tracks": np.zeros((3, 11, 2))}, "query, frame"),
         ("tapir", {"visibles": np.full((9, 11), 0.7)}, "true or false as visibles; threshold them"),
+        ("cotracker", {"visible_logits": np.zeros((11, 9, 1))}, "CoTracker's, and visible_logits, TAPNext's"),
+        ("cotracker", {"pred_trajectory": np.zeros((11, 9, 2))}, "CoTracker's, and pred_trajectory, Track-On's"),
+        ("track-on", {"pred_visibility": np.full((11, 9), 0.9)}, "true or false as pred_visibility beside"),
+        ("tapnext", {"visible_logits": np.zeros((11, 9))}, r"has visible_logits \[11, 9\]"),
+        ("tapnext", {"visible_logits": np.zeros((1, 11, 9))}, r"must be \[T, N, 2\] and \[T, N, 1\]"),
+        ("tapnext", {"query_points": None}, "lacks the key query_points"),
         ("pips", {"trajs_e": np.zeros((8, 1, 2)), "vis_e": np.zeros((8, 1))}, "for 8 frames and 1 points"),
     ],
 )

@@ -182,20 +182,22 @@ def test_drawing_changes_no_setting_of_matplotlib() -> None:
     assert dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.parametrize("library", ["matplotlib", "jinja2", "yaml"])
 @pytest.mark.parametrize("option", ["--report", "--plots"])
-def test_without_matplotlib_the_extra_is_named_before_anything_is_scored(
+def test_without_a_library_of_reports_the_extra_is_named_before_anything_is_scored(
     dataset: Path,
     write_predictions: WritePredictions,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     option: str,
+    library: str,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, library, None)
     command = ["tapvid", str(dataset), "--predictions", str(write_predictions("left", "right"))]
     assert main([*command, option, str(tmp_path / "out")]) == 2
     printed = capsys.readouterr()
-    assert printed.err == "Error: reports and plots need matplotlib; run: pip install 'decomotion[report]'\n"
+    assert printed.err == f"Error: reports and plots need {library}; run: pip install 'decomotion[report]'\n"
     assert printed.out == ""
     assert not (tmp_path / "out").exists()
 

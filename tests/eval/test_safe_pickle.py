@@ -180,7 +180,7 @@ def test_forged_pickles_are_refused(load: Any, content: bytes, error: type[Excep
 
 @pytest.mark.parametrize("content", [b"", b"no pickle", pickle.dumps({"a": np.zeros(5)})[:-20], b"\x80\x63."])
 def test_damaged_files_are_named(load: Any, content: bytes) -> None:
-    with pytest.raises(DatasetError, match="is not a readable pickle"):
+    with pytest.raises(DatasetError, match="is not readable as a TAP-Vid pickle"):
         load(content)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,3 +138,19 @@ def test_out_of_frame_asks_for_occlusion_where_the_hidden_truth_is_outside() -> 
     assert splits["out_of_frame"] == {"count": 2, "occlusion_accuracy": 0.5}
     assert splits["visible"]["count"] == 0
     assert splits["reappeared"]["count"] == 1
+
+
+def test_frames_without_annotation_are_in_no_split() -> None:
+    """Neither does a point come back after them, nor is it out of the frame in them."""
+    occluded = np.array([[False, True, False, True, True]])
+    judged = np.array([[True, False, True, True, False]])
+    tracks = np.full((1, 5, 2), 300.0)
+    queries = Queries(np.array([[0, 10.0, 10]]), tracks, occluded, judged)
+    answer = Prediction(tracks, np.array([[False, False, False, True, False]]), (256, 256))
+    splits = score_splits(queries, answer, "first")
+    assert (splits["visible"]["count"], splits["reappeared"]["count"]) == (1, 0)
+    assert np.isnan(splits["reappeared"]["redetection_jaccard"])
+    assert splits["out_of_frame"] == {"count": 1, "occlusion_accuracy": 1}
+    known = score_splits(replace(queries, judged=None), answer, "first")
+    assert (known["visible"]["count"], known["reappeared"]["count"], known["out_of_frame"]["count"]) == (0, 1, 3)
+    assert known["reappeared"]["redetection_jaccard"] > 0

@@ -72,7 +72,13 @@ def random_networks(folder: Path, *overrides: str) -> Path:
     """A run of the `paper` preset that was never fitted."""
     config = load("paper", overrides=(*TINY_PAPER, *overrides))
     model = randomised(tiny_model("paper", frames=FRAMES, height=HEIGHT, width=WIDTH, overrides=overrides), 0.05)
-    checkpoint.save(folder / FILE_NAME, config, ClipFacts.of(sliding_square()), model, {"step": 1})
+    checkpoint.save(
+        folder / FILE_NAME,
+        config,
+        ClipFacts.of(sliding_square()),
+        model,
+        {"step": 1, "budget": {"steps": 9, "seconds": None}},
+    )
     return folder
 
 

@@ -51,6 +51,25 @@ def test_it_says_what_is_thinned_and_that_a_stopped_fit_was_not_measured(
     assert stopped.startswith("how good the fit is was not measured, since it was stopped")
 
 
+def test_the_licence_of_the_clip_is_kept(
+    networks: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    proto = networks.proto()
+    monkeypatch.setattr(exporter, "trace", lambda graph: proto)
+    monkeypatch.setattr(exporter, "compute_on_demand", lambda proto: None)
+    argv = [str(tmp_path / "model.onnx"), "--run", str(networks.run), "--bake", "none"]
+    assert main([*argv, "--licence", "CC BY-NC 4.0, © Jo"]) == 0
+    origin = Tracker(tmp_path / "model.onnx").card.origin
+    assert (origin.licence, origin.steps, origin.budget_steps) == ("CC BY-NC 4.0, © Jo", 1, 9)
+    assert Tracker(networks.path).card.origin.licence is None
+
+
+@pytest.mark.parametrize("licence", ["", "  ", "CC BY\n4.0", "x" * 201])
+def test_a_licence_is_a_line(licence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([str(tmp_path / "model.onnx"), "--run", str(tmp_path), "--licence", licence]) == 2
+    assert "Error: the licence must be one line of 1 to 200 characters, got " in capsys.readouterr().err
+
+
 def test_the_runtime_says_what_torch_says(exported: Export):
     tracker = Tracker(exported.path, threads=1)
     assert (tracker.clip_name, tracker.num_frames, tracker.height, tracker.width) == ("sliding", 8, 28, 40)

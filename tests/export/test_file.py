@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +14,13 @@ import pytest
 from onnx import TensorProto
 
 import decomo_export
-import decomotion
 from decomo_export.exporter import unusual_metadata
 from decomo_runtime import Tracker, contract
 from decomotion import checkpoint
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip
 from decomotion.quality import Quality
+from decomotion.source import code_version
 from tiny_export import Export
 from tiny_fit import sliding_square
 from tiny_model import write_tiny_model
@@ -125,7 +126,10 @@ def test_metadata(name: str, preset: str, request: pytest.FixtureRequest):
         contract.META_PRESET: preset,
         contract.META_OCCLUSION_THRESHOLD: "0.5",
         contract.META_OBJECT_SHARE: "0.1",
-        contract.META_WRITER_VERSION: decomotion.__version__,
+        contract.META_WRITER_VERSION: code_version(),
+        contract.META_FITTED_BY: checkpoint.load(exported.run / checkpoint.FILE_NAME).code,
+        contract.META_STEPS: "20" if name == "fitted" else "1",
+        contract.META_BUDGET: json.dumps({"steps": 20 if name == "fitted" else 9, "seconds": None}),
         contract.META_BAKE: exported.bake,
         contract.META_PRECISION: "fp32",
         contract.META_DEVIATION: "0 0",

@@ -46,6 +46,15 @@ def test_beyond_what_was_measured():
     assert error(0.1, 1, 0) == pytest.approx(2 / FARTHEST_FACTOR)
 
 
+def test_the_table_that_the_page_is_held_to():
+    """`runtime/web/test/errors.test.ts` holds the page to the same."""
+    table = json.loads((Path(__file__).parents[1] / "recorded" / "expected_error.json").read_text())
+    rule = Calibration(**table["rule"])
+    for case in table["cases"]:
+        told = rule.error(np.array([case["score"]]), np.array([case["gap"]]), case["median"])[0]
+        assert told == pytest.approx(case["error"], rel=1e-5, abs=1e-6), case
+
+
 def test_at_the_query_there_is_none():
     assert error(0.9, 0) == 0
 

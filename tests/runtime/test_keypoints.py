@@ -12,8 +12,12 @@ import pytest
 
 from consumers import consumer
 from decomo_runtime import QueryError
+from decomo_runtime.convert_cli import main as convert
+from decomo_runtime.formats.corrections import corrections_of
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.keypoints import read_keypoints
+from decomotion.clip import Clip
+from decomotion.corrections.file import read_corrections
 
 NAN = np.nan
 
@@ -237,3 +241,29 @@ def test_several_objects_of_coco(tmp_path: Path):
 def test_what_is_not_coco_is_refused(tmp_path: Path, content: Any, why: str):
     with pytest.raises(QueryError, match=why):
         read_keypoints(written(tmp_path, content, "a.json"))
+
+
+def test_keypoints_become_corrections(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "labels.csv").write_text(PREDICTIONS)
+    out = tmp_path / "corrections.csv"
+    assert convert([str(tmp_path / "labels.csv"), str(out), "--to", "corrections"]) == 0
+    assert capsys.readouterr().out == f"2 corrections of 1 point\nwrote {out}\n"
+    nose = "0,10.5,20.25,1,11.5,21.25,nose\n0,10.5,20.25,2,12.5,22.25,nose\n"  # the tail is sure in one frame alone
+    assert out.read_text() == f"t,x,y,target_t,target_x,target_y,name\n{nose}"
+    clip = Clip("blank", np.zeros((3, 30, 40, 3), np.uint8))
+    (point,) = read_corrections(out, clip)
+    assert point.xy.tolist() == [[10.5, 20.25], [11.5, 21.25], [12.5, 22.25]]
+
+
+def test_hidden_keypoints_become_hidden_corrections():
+    frames = np.array([2, 5, 7, 9])
+    xy = np.array([[[1, 2], [3.5, 4], [5, 6], [NAN, NAN]]])
+    keypoints = Keypoints(("ear",), frames, xy, np.array([[0.3, 1, 0, 0]]))
+    assert corrections_of(keypoints) == [(5, "3.5", "4", 7, "", "", "ear")]
+
+
+def test_keypoints_of_one_frame_correct_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "labels.csv").write_text("\n".join(PREDICTIONS.splitlines()[:4]))
+    assert convert([str(tmp_path / "labels.csv"), str(tmp_path / "out.csv"), "--to", "corrections"]) == 2
+    assert "label more frames" in capsys.readouterr().err
+    assert not (tmp_path / "out.csv").exists()

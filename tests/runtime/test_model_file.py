@@ -26,6 +26,10 @@ OPTIONAL = (
     contract.META_TIMES,
     contract.META_PIXEL_ASPECT,
     contract.META_QUALITY,
+    contract.META_FITTED_BY,
+    contract.META_STEPS,
+    contract.META_BUDGET,
+    contract.META_LICENCE,
 )
 
 
@@ -202,6 +206,15 @@ def test_lacking_metadata(write_model: WriteModel, key: str):
         (contract.META_OCCLUSION_THRESHOLD, "1.5"),
         (contract.META_OCCLUSION_THRESHOLD, ""),
         (contract.META_OBJECT_SHARE, "1"),
+        (contract.META_STEPS, "-1"),
+        (contract.META_STEPS, "many"),
+        (contract.META_BUDGET, "600"),
+        (contract.META_BUDGET, "{"),
+        (contract.META_BUDGET, '{"seconds": 600}'),
+        (contract.META_BUDGET, '{"steps": 100, "seconds": -1}'),
+        (contract.META_BUDGET, '{"steps": 100, "seconds": [1]}'),
+        (contract.META_DEVIATION, "0.1"),
+        (contract.META_DEVIATION, "0.1 nan"),
     ],
 )
 def test_impossible_metadata(write_model: WriteModel, key: str, value: str):

@@ -12,7 +12,14 @@ from decomo_runtime.view.server import CONTENT_SECURITY_POLICY
 from decomo_runtime.view.site import PAGE
 
 WEB = Path(__file__).parents[2] / "runtime" / "web"
-NAMED = ("index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts")
+NAMED = (
+    "../decomo_runtime/expected_error.json",
+    "index.html",
+    "package-lock.json",
+    "package.json",
+    "tsconfig.json",
+    "vite.config.ts",
+)
 RECORD = json.loads((PAGE / "build.json").read_text())
 BUILD_AGAIN = "build the page again: cd runtime/web && npm ci && npm run build"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from decomotion.data.config import DataConfig
 from decomotion.data.features.interface import FeatureExtractor
 from decomotion.errors import SupervisionError
+from decomotion.extras import remedy
 
 __all__ = ["FeatureExtractor", "build_features"]
 
@@ -29,8 +30,7 @@ def build_features(config: DataConfig, device: str = "cpu") -> FeatureExtractor 
             if error.name != "timm":
                 raise
             raise SupervisionError(
-                "features dino need timm, which is not installed; run: pip install 'decomotion[train]', "
-                "or take --features densesift"
+                f"features dino need timm, which is not installed; run: {remedy('timm')}, or take --features densesift"
             ) from error
         return DinoFeatures(config.feature_weights, device)
     return None

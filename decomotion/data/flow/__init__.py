@@ -11,7 +11,8 @@ __all__ = ["Flow", "FlowEstimator", "Frame", "build_flow"]
 def build_flow(config: FlowConfig, device: str = "cpu") -> FlowEstimator:
     """The estimator that `config` describes; those with weights load them here and run on `device`.
 
-    Raises `SupervisionError` where weights or the folder of fields are missing or do not fit.
+    Raises `SupervisionError` where weights or the folder of fields are missing or do not fit, or a library is not
+    installed.
     """
     if isinstance(config, RaftFlowConfig):
         from decomotion.data.flow.raft import RaftFlow

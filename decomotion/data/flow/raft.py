@@ -13,6 +13,7 @@ from decomotion.data.flow.config import RaftFlowConfig
 from decomotion.data.flow.interface import Flow, Frame, enlarged, kept, resized, to_raster
 from decomotion.data.weights import downloaded, read_state
 from decomotion.errors import SupervisionError
+from decomotion.extras import remedy
 
 MULTIPLE = 8
 """RAFT's features are at an eighth of the resolution."""
@@ -89,9 +90,16 @@ def _margins(side: int) -> tuple[int, int]:
 def load_raft(kind: str, weights: str | None) -> nn.Module:
     """`raft-small` or `raft-large` with torchvision's default weights, or with those of a file.
 
-    Raises `SupervisionError` where the file does not fit, or the download fails.
+    Raises `SupervisionError` where torchvision is not installed, the file does not fit, or the download fails.
     """
-    from torchvision.models import optical_flow
+    try:
+        from torchvision.models import optical_flow
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] != "torchvision":
+            raise
+        raise SupervisionError(
+            f"flow {kind} needs torchvision, which is not installed; run: {remedy('torchvision')}, or take --flow dis"
+        ) from error
 
     build = {"raft-small": optical_flow.raft_small, "raft-large": optical_flow.raft_large}[kind]
     if weights is None:

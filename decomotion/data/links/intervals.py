@@ -37,7 +37,7 @@ def choose_intervals(
 
 
 def thinned(gaps: list[int]) -> list[int]:
-    """One gap fewer, the one that was missed least (docs/experiments.md, S8); 1 stays.
+    """One gap fewer, the one that was missed least (docs/research/supervision.md, S8); 1 stays.
 
     1 2 4 8 16, then 1 4 8 16, 1 8 16, 1 8, 1; or 1 2 4 8, then 1 4 8, 1 4, 1.
     """

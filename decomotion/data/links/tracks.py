@@ -12,12 +12,10 @@ import numpy.typing as npt
 from decomotion.arrays import read_npz
 from decomotion.clip import Clip
 from decomotion.errors import SupervisionError
-from decomotion.tracker_files import asked_points, cotracker, is_cotracker, is_tapnet, tapnet
+from decomotion.tracker_files import KEYS, asked_points, is_tapnet, unpacked
 
 TYPES = {"tracks": np.float32, "occluded": np.bool_, "queries": np.float64, "confidence": np.float32}
 """Our arrays, and what they become."""
-OTHERS = {"pred_tracks", "pred_visibility", "query_points", "visibles", "occlusion", "expected_dist", "pred_occluded"}
-"""Those of other trackers' layouts besides (`decomotion/tracker_files.py`)."""
 QUERY_TOLERANCE = 0.05
 """Median distance between queries and their tracks that is taken for a misunderstanding, in longer sides."""
 
@@ -48,7 +46,7 @@ class UserTracks:
 
 
 def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
-    """The tracks in a `.npz` file, in our layout, CoTracker's or TAPNet's (`docs/formats.md`).
+    """The tracks in a `.npz` file, in our layout or another tracker's (`decomotion/tracker_files.py`).
 
     Raises `SupervisionError` where the file is none, or does not fit the clip.
     """
@@ -86,7 +84,7 @@ def read_tracks(path: str | Path, clip: Clip) -> UserTracks:
 def _read(path: Path, where: str) -> dict[str, npt.NDArray]:
     if not path.is_file():
         raise SupervisionError(f"{where} does not exist; give an .npz file")
-    arrays = read_npz(path, SupervisionError, {*TYPES, *OTHERS, "width", "height"}, remedy="save it with numpy.savez")
+    arrays = read_npz(path, SupervisionError, {*TYPES, *KEYS, "width", "height"}, remedy="save it with numpy.savez")
     for name, array in arrays.items():
         if array.dtype.kind not in "biuf":
             raise SupervisionError(f"{where}: {name} holds {array.dtype}; it must hold numbers")
@@ -115,11 +113,9 @@ def _unpacked(content: dict[str, npt.NDArray], frames: int, where: str) -> dict[
 
     Queries are checked against the frames.
     """
-    others = is_cotracker(content) or is_tapnet(content)
-    if others:
-        unpack = cotracker if is_cotracker(content) else tapnet
-        tracks, occluded = unpack(where, content, SupervisionError)
-        arrays = {"tracks": tracks, "occluded": occluded}
+    others = unpacked(where, content, SupervisionError)
+    if others is not None:
+        arrays = {"tracks": others[0], "occluded": others[1]}
         if is_tapnet(content) or "queries" in content:
             arrays["queries"] = asked_points(where, content, SupervisionError)
     else:
@@ -132,7 +128,7 @@ def _unpacked(content: dict[str, npt.NDArray], frames: int, where: str) -> dict[
     queries = arrays.get("queries")
     if queries is not None:
         _check_queries(queries, frames, where)
-    return arrays if others else _point_first_of_square(arrays, frames, queries)
+    return arrays if others is not None else _point_first_of_square(arrays, frames, queries)
 
 
 def _size(content: dict[str, npt.NDArray], clip: Clip, where: str) -> npt.NDArray:

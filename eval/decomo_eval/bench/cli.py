@@ -35,7 +35,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--steps", type=click.IntRange(min=1), help="Of each video, instead of a time.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="As for decomo-train.")
 @click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Of every fit.")
-@click.option("--videos", metavar="A,B", help="These only.  [default: all]")
+@click.option("--videos", metavar="A,B", help="Fit these only.  [default: all]")
 @click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
 @click.option(
     "--resolution",
@@ -63,8 +63,7 @@ def command(
 
     What is finished is not done again: give the same command after an interruption, or to try failed videos once more.
     """
-    from decomo_eval.bench.run import bench
-    from decomo_eval.bench.task import command_options
+    from decomo_eval.bench.run import bench, command_options
     from decomotion.outputs import check_folder
 
     if time_budget is not None and steps is not None:

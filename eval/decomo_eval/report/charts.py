@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from decomo_eval.errors import EvalError
@@ -35,11 +36,12 @@ STYLE: Any = {
 
 
 def check_drawing() -> None:
-    """Raises `EvalError` where matplotlib is not installed."""
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise EvalError("reports and plots need matplotlib; run: pip install 'decomotion[report]'") from error
+    """Raises `EvalError` where what they need is not installed."""
+    for library in ("jinja2", "matplotlib", "yaml"):
+        try:
+            import_module(library)
+        except ModuleNotFoundError as error:
+            raise EvalError(f"reports and plots need {library}; run: pip install 'decomotion[report]'") from error
 
 
 def video_bars(values: Mapping[str, float], mean: float, title: str) -> str:

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from importlib.resources import files
 
-import yaml
-
 from decomo_eval.columns import COLUMNS
 
 
@@ -24,6 +22,8 @@ class Published:
 
 def published(query_mode: str) -> Published:
     """The paper's table of point tracking on TAP-Vid-DAVIS; methods without figures for `query_mode` left out."""
+    import yaml
+
     content = yaml.safe_load((files("decomo_eval.report") / "published.yaml").read_text(encoding="utf-8"))
     factors = {column.metric: column.factor for column in COLUMNS}
     rows = {

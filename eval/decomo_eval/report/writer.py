@@ -11,9 +11,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from decomo_eval.columns import COLUMNS
+from decomo_eval.measure import told
 from decomo_eval.report.clips import NEAR, WorstClips
 from decomo_eval.report.plots import Plots
 from decomo_eval.report.published import published
@@ -75,6 +74,8 @@ class ReportWriter:
         return page
 
     def _page(self, report: Report) -> str:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
         jinja = Environment(loader=PackageLoader("decomo_eval.report", "."), autoescape=True, undefined=StrictUndefined)
         return jinja.get_template("page.html.j2").render(
             report=report,
@@ -88,6 +89,7 @@ class ReportWriter:
             version=__version__,
             share=lambda value: "-" if math.isnan(value) else f"{100 * value:.1f}",
             pixels=lambda value: "-" if math.isnan(value) else f"{value:.2f}",
+            told=told,
             is_nan=math.isnan,
             nan=math.nan,
         )

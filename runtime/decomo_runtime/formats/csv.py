@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.tables import Table, opened_table
 from decomo_runtime.tracks import Tracks
+from decomotion.tables import Table, opened_table
 
 FORMATS = {
     "point": "%d",

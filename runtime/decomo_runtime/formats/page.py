@@ -93,7 +93,7 @@ def read(path: Path) -> tuple[Tracks, About]:
 
 
 def _error(points: Sequence[dict[str, Any]], length: int) -> npt.NDArray[np.float32] | None:
-    """[point, frame]; None where not all points say it: those of the page itself do not."""
+    """[point, frame]; None where not all points say it, as in older files."""
     told = [point["error"] for point in points if "error" in point]
     return _array(told, (len(points), length)) if points and len(told) == len(points) else None
 

@@ -7,8 +7,9 @@
 
 import { BufferTarget, EncodedPacket, EncodedVideoPacketSource, Output, WebMOutputFormat } from "mediabunny";
 import type { Size } from "./geometry";
-import { InputError } from "./model/facts";
-import { type Draw, type Saved, videoSize } from "./video";
+import { InputError, type ModelFacts } from "./model/facts";
+import { duration } from "./times";
+import { type Draw, type Saved, rateOf, videoSize } from "./video";
 
 const CODEC = "vp8";
 const BITS_PER_PIXEL = 0.25;
@@ -18,25 +19,21 @@ const KEY_FRAMES = 48;
 const MOST_WAITING = 4;
 
 /** Encodes what is drawn of all frames on transparent ground; `InputError` where the browser cannot. */
-export async function encodeAlphaVideo(
-  image: Size,
-  { fps, numFrames }: { readonly fps: number; readonly numFrames: number },
-  draw: Draw,
-  onProgress: (frame: number) => void,
-): Promise<Saved> {
-  const size = videoSize(image);
-  const config = { codec: CODEC, ...size, bitrate: Math.round(BITS_PER_PIXEL * size.width * size.height * fps), framerate: fps };
+export async function encodeAlphaVideo(facts: ModelFacts, draw: Draw, onProgress: (frame: number) => void): Promise<Saved> {
+  const size = videoSize(facts);
+  const bitrate = Math.round(BITS_PER_PIXEL * size.width * size.height * facts.fps);
+  const config = { codec: CODEC, ...size, bitrate, framerate: facts.fps };
   const can = "VideoEncoder" in window && (await VideoEncoder.isConfigSupported(config)).supported;
   const context = new OffscreenCanvas(size.width, size.height).getContext("2d", { willReadFrequently: true });
   if (!can || context === null) {
     throw new InputError("This browser cannot encode video with alpha (WebCodecs, VP8); save the drawings as frames, or use 'decomo-render --edit --alone'.");
   }
   const [colours, alphas] = [new Stream(config), new Stream(config)];
-  for (let frame = 0; frame < numFrames; frame++) {
+  for (let frame = 0; frame < facts.numFrames; frame++) {
     context.clearRect(0, 0, size.width, size.height);
     await draw(context, frame);
     const { data } = context.getImageData(0, 0, size.width, size.height);
-    const at = { timestamp: Math.round((1e6 * frame) / fps), duration: Math.round(1e6 / fps) };
+    const at = { timestamp: microseconds(facts.times[frame] ?? 0), duration: microseconds(duration(facts, frame)) };
     await alphas.add(new VideoFrame(lumaOf(data, size), { format: "I420", codedWidth: size.width, codedHeight: size.height, ...at }), frame);
     await colours.add(new VideoFrame(data, { format: "RGBX", codedWidth: size.width, codedHeight: size.height, ...at }), frame);
     onProgress(frame);
@@ -45,7 +42,7 @@ export async function encodeAlphaVideo(
   const target = new BufferTarget();
   const output = new Output({ format: new WebMOutputFormat(), target });
   const source = new EncodedVideoPacketSource(CODEC);
-  output.addVideoTrack(source, { frameRate: fps, canBeTransparent: true });
+  output.addVideoTrack(source, { ...rateOf(facts), canBeTransparent: true });
   await output.start();
   for (const [index, chunk] of seen.entries()) {
     const side = alpha[index];
@@ -59,6 +56,8 @@ export async function encodeAlphaVideo(
   if (target.buffer === null) throw new Error("no file was written");
   return { content: target.buffer, suffix: "webm", type: "video/webm" };
 }
+
+const microseconds = (seconds: number): number => Math.round(1e6 * seconds);
 
 /** One of the two streams on its way. */
 class Stream {

@@ -4,11 +4,14 @@ import { Clip, type ClipRecord } from "./clip";
 import { type Draft, Document, type Point, changed, corrected, withoutPoint } from "./document";
 import type { Scene } from "./draw";
 import { type Place, clampPlace, gridCells, gridInside, roundPlace } from "./geometry";
+import { HeatMaps, paintHeat } from "./heat";
 import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
 import { type Files, Model } from "./model/client";
+import { unit } from "./model/errors";
 import { InputError } from "./model/facts";
 import type { Tracked } from "./model/protocol";
 import { Sketch } from "./sketch";
+import { inPixels, leastSure, neighbour } from "./sureness";
 import { Answers, type Followed, splitTracks } from "./tracks";
 import { CorrectionRows } from "./ui/corrections";
 import { DrawingRows } from "./ui/drawings";
@@ -20,6 +23,7 @@ const MOST_POINTS_AT_ONCE = 400;
 /** Of a grid's box, most of which a lasso may leave out. */
 const MOST_CELLS = 100 * MOST_POINTS_AT_ONCE;
 const DEFAULT_TRAIL = 12;
+const MOST_CANVASES = 8;
 
 /** What is shown while a refitted model waits for a verdict. */
 export const SIDES = ["old", "both", "new"] as const;
@@ -48,6 +52,9 @@ export class App {
   split: Layer | undefined;
   splitAt = 0.5;
   trail = DEFAULT_TRAIL;
+  /** Whether tracks have the colours of their expected errors, and whether these are shown over the picture. */
+  byError = false;
+  heatShown = false;
   model: Model | undefined;
   clip: Clip | undefined;
   candidate: Candidate | undefined;
@@ -59,10 +66,12 @@ export class App {
   files: Files | undefined;
   private path = "";
   private renderer: LayerRenderer | undefined;
+  private heatMaps: HeatMaps | undefined;
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
   private readonly drawingRows: DrawingRows;
-  private readonly rasterCanvases = new WeakMap<ImageData, OffscreenCanvas>();
+  /** The last canvases that were painted with parts of rasters. */
+  private readonly rasterCanvases = new Map<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
   /** Askings whose points are on the list while more of their tracks is to come. */
@@ -97,7 +106,7 @@ export class App {
       this.use(model, path, new Answers());
       this.document.reset();
       this.selected = undefined;
-      this.player.load(model.facts.numFrames, model.facts.fps);
+      this.player.load(model.facts);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
       this.split = undefined;
       this.keepClip();
@@ -153,6 +162,7 @@ export class App {
   private use(model: Model, path: string, answers: Answers): void {
     this.model?.close();
     this.renderer?.close();
+    this.heatMaps?.cancel();
     Object.assign(this, { model, path, answers });
     this.renderer = new LayerRenderer(
       model.facts,
@@ -161,6 +171,12 @@ export class App {
       (error) => this.view.alert(error),
     );
     this.sketch.use(model);
+    this.heatMaps = new HeatMaps(
+      model.facts,
+      (queries, frames) => model.glance(queries, frames),
+      (frame) => this.onPicture(frame),
+      (error) => this.view.alert(error),
+    );
     void model.tryWebgpu().then(() => {
       if (model === this.model) this.view.facts(model, this.clip !== undefined);
     });
@@ -172,8 +188,8 @@ export class App {
     if (candidate === undefined) return;
     const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
     if (missing.length === 0) return;
-    const { tracks, occlusion } = await candidate.model.track(queriesOf(missing));
-    candidate.answers.set(missing, this.cut(candidate.model, tracks, occlusion));
+    const answer = await candidate.model.track(queriesOf(missing));
+    candidate.answers.set(missing, splitTracks(answer, missing, candidate.model.facts));
     this.onDocument();
   }
 
@@ -207,9 +223,9 @@ export class App {
     };
     let begun = false;
     let added: readonly Point[] = [];
-    const onPart = ({ tracks, occlusion }: Tracked): void => {
+    const onPart = (part: Tracked): void => {
       if (model !== this.model) return;
-      this.answers.set(drafts, this.cut(model, tracks, occlusion));
+      this.answers.set(drafts, splitTracks(part, drafts, model.facts));
       if (begun) return this.onDocument();
       begun = true;
       this.unfinished++;
@@ -272,6 +288,11 @@ export class App {
     this.select(id);
   }
 
+  /** The picture stands still at frame t. */
+  pauseAt(t: number): void {
+    this.player.step(t - this.player.frame);
+  }
+
   /** Says that the selected point is hidden in the frame shown, or in sight where it is shown. */
   mark(hidden: boolean): void {
     const { frame } = this.player;
@@ -306,8 +327,11 @@ export class App {
     this.redraw = requestAnimationFrame(() => {
       if (this.model === undefined) return;
       const { frame } = this.player;
-      this.view.stage.show(this.scene(frame, (layer) => this.picture(layer, frame)));
-      this.view.showFrame(frame, this.model.facts.numFrames, this.player.playing);
+      this.isReady(frame); // asks for its pictures
+      const shown = this.frameToShow(frame);
+      const heat = this.heatShown ? this.heatOf(shown) : undefined;
+      this.view.stage.show({ ...this.scene(shown, (layer) => this.pictureHad(layer, shown)), heat });
+      this.view.showFrame(this, this.model.facts.numFrames, shown);
       this.rows.showFrame(frame, this.model.facts.numFrames);
     });
   }
@@ -317,13 +341,13 @@ export class App {
     const { layer, split, clip, renderer } = this;
     const drawings = this.sketch.finished();
     const now = { ...this.scene(0, () => undefined), selected: undefined };
-    const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
-      if (of === undefined) return undefined;
-      return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
-    };
+    const layers = this.layersShown;
     return async (frame) => {
-      const [left, right] = [await picture(layer, frame), await picture(split, frame)];
-      return { ...now, frame, left, right, drawings: await drawings(frame) };
+      const painted = await drawings(frame);
+      const raster = layers.every((of) => of === "clip") ? undefined : await renderer?.wait(frame);
+      const own = layers.includes("clip") ? await clip?.wait(frame) : undefined; // last: it is closed when others need its room
+      const picture = (of: Layer): CanvasImageSource | undefined => (of === "clip" ? own : this.canvasOf(raster, of));
+      return { ...now, frame, left: picture(layer), right: split && picture(split), drawings: painted };
     };
   }
 
@@ -336,6 +360,26 @@ export class App {
     this.layer = layer;
     this.view.layers(LAYERS, this);
     this.show();
+  }
+
+  colourByError(on: boolean): void {
+    this.byError = on;
+    this.onDocument();
+  }
+
+  showHeat(on: boolean): void {
+    this.heatShown = on;
+    if (!on) this.heatMaps?.cancel();
+    this.onDocument();
+  }
+
+  /** Goes to the next or the former moment at which the model is least sure of a point. */
+  jump(step: 1 | -1): void {
+    const moment = neighbour(leastSure(this.followed), this.player.frame, this.selected, step);
+    if (moment === undefined) return;
+    this.pauseAt(moment.frame);
+    this.select(moment.id);
+    this.view.status(`${this.pointOf(moment.id)?.name ?? ""} in frame ${moment.frame}: expected within ${inPixels(moment.error)} px.`);
   }
 
   private keepClip(): void {
@@ -371,11 +415,23 @@ export class App {
       ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
+      errorUnit: this.errorUnit,
     };
   }
 
-  private picture(layer: Layer, frame: number): CanvasImageSource | undefined {
-    return layer === "clip" ? this.clip?.get(frame) : this.canvasOf(this.renderer?.get(frame), layer);
+  /** The length of a unit in pixels of the clip, where tracks are coloured by their errors. */
+  private get errorUnit(): number | undefined {
+    return this.byError && this.model ? unit(this.model.facts) : undefined;
+  }
+
+  private heatOf(frame: number): OffscreenCanvas | undefined {
+    const map = this.heatMaps?.get(frame);
+    return map && this.model && paintHeat(map, unit(this.model.facts));
+  }
+
+  /** The clip's stands in for a layer of which nothing is rendered yet. */
+  private pictureHad(layer: Layer, frame: number): CanvasImageSource | undefined {
+    return (layer === "clip" ? undefined : this.canvasOf(this.renderer?.peek(frame), layer)) ?? this.clip?.peek(frame);
   }
 
   private canvasOf(raster: Raster | undefined, layer: Rendered): OffscreenCanvas | undefined {
@@ -386,17 +442,38 @@ export class App {
     const canvas = new OffscreenCanvas(pixels.width, pixels.height);
     canvas.getContext("2d")?.putImageData(pixels, 0, 0);
     this.rasterCanvases.set(pixels, canvas);
+    for (const oldest of this.rasterCanvases.keys()) {
+      if (this.rasterCanvases.size <= MOST_CANVASES) break;
+      this.rasterCanvases.delete(oldest);
+    }
     return canvas;
   }
 
-  /** True where playing need not wait for a frame. */
+  /** The frame, or while its pictures are still to come the nearest that has them: nothing is black where something is. */
+  private frameToShow(frame: number): number {
+    const { numFrames } = this.model?.facts ?? { numFrames: 0 };
+    for (let apart = 0; apart < numFrames; apart++) {
+      for (const near of [frame - apart, frame + apart]) if (this.layersShown.every((layer) => this.has(layer, near))) return near;
+    }
+    return frame;
+  }
+
+  private get layersShown(): Layer[] {
+    return this.split === undefined ? [this.layer] : [this.layer, this.split];
+  }
+
+  private has(layer: Layer, frame: number): boolean {
+    return (layer === "clip" ? this.clip : this.renderer)?.peek(frame) !== undefined;
+  }
+
+  /** True where playing need not wait for a frame; asks for its pictures. */
   private isReady(frame: number): boolean {
-    const pictures = [this.layer, this.split].every((layer) => layer === undefined || this.picture(layer, frame) !== undefined);
-    return pictures && this.sketch.isReady(frame);
+    const pictures = this.layersShown.map((layer) => (layer === "clip" ? this.clip : this.renderer)?.get(frame));
+    return pictures.every((picture) => picture !== undefined) && this.sketch.isReady(frame);
   }
 
   private onPicture(frame: number): void {
-    if (frame === this.player.frame) this.show();
+    if (frame === this.player.frame || !this.layersShown.every((layer) => this.has(layer, this.player.frame))) this.show();
   }
 
   /** While a refitted model waits: what the models answer, the track that is compared with as a ghost. */
@@ -417,22 +494,18 @@ export class App {
     if (model === undefined) return;
     const query = { t, ...place };
     if (this.answers.get(query) === undefined) {
-      const { tracks, occlusion } = await model.track(queriesOf([query]));
+      const answer = await model.track(queriesOf([query]));
       if (model !== this.model) return;
-      this.answers.set([query], this.cut(model, tracks, occlusion));
+      this.answers.set([query], splitTracks(answer, [query], model.facts));
     }
     this.document.change((content) => changed(content, id, place));
     await this.completeCandidate();
   }
 
-  private cut({ facts }: Model, tracks: Float32Array, occlusion: Float32Array): ReturnType<typeof splitTracks> {
-    return splitTracks(tracks, occlusion, facts.numFrames, facts.occlusionThreshold);
-  }
-
   private onDocument(): void {
     if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
     this.followed = this.answers.follow(this.document.content);
-    this.rows.update(this.followed, this.selected);
+    this.rows.update(this.followed, this.selected, this.errorUnit);
     this.drawingRows.update();
     this.correctionRows.update();
     this.view.content(this, this.unfinished > 0);

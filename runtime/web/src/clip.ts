@@ -1,10 +1,13 @@
 /** The clip's own frames, decoded one by one and kept as long as there is room. */
 
+import { checkDepth } from "./depth";
 import { InputError, type ModelFacts } from "./model/facts";
 import { frameOrder } from "./order";
 
-const CACHE_BYTES = 512 * 2 ** 20;
+const CACHE_BYTES = 128 * 2 ** 20;
+const LEAST_ROOM = 4;
 const AHEAD = 6;
+const AT_ONCE = 3;
 
 /** What `site.json` beside the page says: `frames` are paths relative to the page. */
 export interface ClipRecord {
@@ -13,9 +16,14 @@ export interface ClipRecord {
 }
 
 export class Clip {
+  /** By frame, the last used last. */
   private readonly decoded = new Map<number, ImageBitmap>();
   private readonly underway = new Set<number>();
+  private readonly failed = new Set<number>();
   private readonly room: number;
+  /** Frames from the one wanted on that drop others. */
+  private readonly ahead: number;
+  private wanted = 0;
   private closed = false;
 
   /** `load` fetches one encoded frame; `onFrame` hears that one is decoded. */
@@ -26,7 +34,8 @@ export class Clip {
     private readonly onFrame: () => void,
     private readonly onError: (error: Error) => void,
   ) {
-    this.room = Math.max(2 * AHEAD, Math.floor(CACHE_BYTES / (4 * facts.width * facts.height)));
+    this.room = Math.max(LEAST_ROOM, Math.floor(CACHE_BYTES / (4 * facts.width * facts.height)));
+    this.ahead = Math.min(AHEAD, this.room - 1);
   }
 
   /** `InputError` where it is not the clip of another model. */
@@ -49,17 +58,22 @@ export class Clip {
       throw new InputError(`${first?.name ?? "the clip"} does not decode as an image; give the frames of the clip.`);
     }
     checkClip(`the clip of ${first.name}`, ordered.length, picture, facts);
+    picture.close();
+    await checkDepth(ordered);
     return new Clip(ordered.length, facts, async (frame) => ordered[frame] ?? first, onFrame, onError);
   }
 
   /** The frame if it is decoded; if not, it will be, those after it next, and then the others that there is room for. */
   get(frame: number): ImageBitmap | undefined {
-    for (let ahead = 0; ahead < Math.min(AHEAD, this.length); ahead++) void this.decode((frame + ahead) % this.length);
+    this.wanted = frame;
+    this.goOn();
+    return this.peek(frame);
+  }
+
+  /** The frame if it is decoded. */
+  peek(frame: number): ImageBitmap | undefined {
     const picture = this.decoded.get(frame);
-    if (picture !== undefined) {
-      this.decoded.delete(frame); // to the end of the order in which frames are dropped
-      this.decoded.set(frame, picture);
-    }
+    if (picture !== undefined) this.keep(frame, picture);
     return picture;
   }
 
@@ -76,25 +90,36 @@ export class Clip {
     this.decoded.clear();
   }
 
-  private async decode(frame: number): Promise<void> {
-    if (this.decoded.has(frame) || this.underway.has(frame)) return;
-    this.underway.add(frame);
-    try {
-      this.keep(frame, await this.read(frame));
-      this.underway.delete(frame);
-      this.onFrame();
-      this.readAhead(frame);
-    } catch (error) {
-      this.onError(error instanceof Error ? error : new Error(String(error))); // stays underway: said once
+  /** Decodes what is wanted most, few frames at once, so that one that is wanted later need not wait for many. */
+  private goOn(): void {
+    while (!this.closed && this.underway.size < AT_ONCE) {
+      const next = this.next();
+      if (next === undefined) return;
+      void this.decode(next);
     }
   }
 
-  /** Decodes one more, the next after `frame` that is not, while none has to be dropped for it. */
-  private readAhead(frame: number): void {
-    if (this.closed || this.decoded.size + this.underway.size >= Math.min(this.room, this.length)) return;
-    for (let ahead = 1; ahead < this.length; ahead++) {
-      const next = (frame + ahead) % this.length;
-      if (!this.decoded.has(next) && !this.underway.has(next)) return void this.decode(next);
+  /** The first after the one wanted that is not decoded; undefined where another, nearer one would have to be dropped for it. */
+  private next(): number | undefined {
+    const isFull = this.decoded.size + this.underway.size >= this.room;
+    for (let ahead = 0; ahead < (isFull ? Math.min(this.ahead, this.length) : this.length); ahead++) {
+      const frame = (this.wanted + ahead) % this.length;
+      if (!this.decoded.has(frame) && !this.underway.has(frame) && !this.failed.has(frame)) return frame;
+    }
+    return undefined;
+  }
+
+  private async decode(frame: number): Promise<void> {
+    this.underway.add(frame);
+    try {
+      this.keep(frame, await this.read(frame));
+      if (!this.closed) this.onFrame();
+    } catch (error) {
+      this.failed.add(frame); // said once
+      this.onError(error instanceof Error ? error : new Error(String(error)));
+    } finally {
+      this.underway.delete(frame);
+      this.goOn();
     }
   }
 
@@ -106,11 +131,17 @@ export class Clip {
     return picture;
   }
 
+  /** Keeps a frame as the last used one; what has to leave gives its memory back at once. */
   private keep(frame: number, picture: ImageBitmap): void {
+    if (this.closed) return picture.close();
+    const former = this.decoded.get(frame);
+    if (former !== picture) former?.close();
+    this.decoded.delete(frame);
     this.decoded.set(frame, picture);
-    for (const oldest of this.decoded.keys()) {
+    for (const [oldest, dropped] of this.decoded) {
       if (this.decoded.size <= this.room) break;
-      this.decoded.delete(oldest); // not closed: it may still be on the stage
+      this.decoded.delete(oldest);
+      dropped.close();
     }
   }
 }

@@ -2,6 +2,7 @@
 
 import type { Place, Size } from "./geometry";
 import type { Painted } from "./painter";
+import { errorColour } from "./sureness";
 import { type Followed, type Track, isBent } from "./tracks";
 
 export interface Scene {
@@ -20,10 +21,15 @@ export interface Scene {
   readonly selected: number | undefined;
   /** Frames of the past that a trail shows. */
   readonly trail: number;
+  /** Where the model is unsure, over the picture. */
+  readonly heat?: CanvasImageSource | undefined;
+  /** Where tracks are coloured by their expected errors, the length of a unit in pixels of the clip. */
+  readonly errorUnit?: number | undefined;
 }
 
 const TAU = 2 * Math.PI;
 const HIDDEN_INK = 0.4;
+const HEAT_INK = 0.55;
 const RIM = "rgb(0 0 0 / 60%)";
 
 /** Radius of a mark for a canvas with this longer side, both in canvas pixels. */
@@ -40,6 +46,7 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
   context.fillRect(0, 0, width, height);
   if (scene.left) drawPicture(context, scene.left);
   if (scene.right) drawRight(context, scene.right, scene.split);
+  if (scene.heat) drawHeat(context, scene.heat);
   drawPainted(context, scene.drawings, scaleX, scaleY);
   const radius = markRadius(Math.max(width, height));
   for (const ghost of scene.ghosts) drawGhost(context, ghost, scene, on, radius);
@@ -66,6 +73,7 @@ export function drawPainted(context: Context, drawings: readonly Painted[], scal
 
 /** Grey chequers, and the picture on them: they show where it is transparent. */
 function drawPicture(context: Context, picture: CanvasImageSource): void {
+  if (picture instanceof ImageBitmap && picture.width === 0) return; // it has left the memory; another will be shown
   const { width, height } = context.canvas;
   ground ??= chequers();
   context.fillStyle = context.createPattern(ground, "repeat") ?? "#999";
@@ -101,12 +109,18 @@ function drawRight(context: Context, picture: CanvasImageSource, split: number):
   context.fillRect(x - 1, 0, 2, height);
 }
 
+function drawHeat(context: Context, heat: CanvasImageSource): void {
+  const { width, height } = context.canvas;
+  context.globalAlpha = HEAT_INK;
+  context.drawImage(heat, 0, 0, width, height);
+  context.globalAlpha = 1;
+}
+
 type ToCanvas = (x: number, y: number) => Place;
 
 /** A line through the last frames, fading into the past, faint where the point is hidden, dashed where it is bent. */
 function drawTrail(context: Context, point: Followed, scene: Scene, on: ToCanvas, radius: number): void {
-  const { track, colour } = point;
-  context.strokeStyle = colour;
+  const { track } = point;
   context.lineWidth = Math.max(1.5, 0.5 * radius);
   context.lineCap = "round";
   const first = Math.max(0, scene.frame - scene.trail);
@@ -114,6 +128,7 @@ function drawTrail(context: Context, point: Followed, scene: Scene, on: ToCanvas
   for (let frame = first; frame < scene.frame; frame++) {
     const hidden = track.occluded[frame] === true || track.occluded[frame + 1] === true;
     context.globalAlpha = (1 - (scene.frame - 1 - frame) / Math.max(1, scene.trail)) * (hidden ? HIDDEN_INK : 0.9);
+    context.strokeStyle = inkOf(point, frame + 1, scene);
     const bent = isBent(point, frame) || isBent(point, frame + 1);
     context.setLineDash(bent ? [1.2 * radius, 1.2 * radius] : []);
     context.lineCap = bent ? "butt" : "round";
@@ -170,7 +185,9 @@ export function drawDiamond(context: Context, x: number, y: number, size: number
 }
 
 /** A disc where the point is in sight, a ring where it is hidden. */
-function drawMark(context: Context, { id, track, colour }: Followed, scene: Scene, on: ToCanvas, radius: number): void {
+function drawMark(context: Context, point: Followed, scene: Scene, on: ToCanvas, radius: number): void {
+  const { id, track } = point;
+  const colour = inkOf(point, scene.frame, scene);
   const { x, y } = placeOf(track.xy, scene.frame, on);
   const hidden = track.occluded[scene.frame] === true;
   const circle = (size: number): void => {
@@ -199,6 +216,10 @@ function drawMark(context: Context, { id, track, colour }: Followed, scene: Scen
     context.fill();
   }
 }
+
+/** The colour of a track in a frame: its own, or its error's. */
+const inkOf = ({ colour, track }: Followed, frame: number, { errorUnit }: Scene): string =>
+  errorUnit === undefined ? colour : errorColour(track.error[frame] ?? 0, errorUnit);
 
 function placeOf(xy: Float32Array, frame: number, on: ToCanvas): Place {
   return on(xy[2 * frame] ?? 0, xy[2 * frame + 1] ?? 0);

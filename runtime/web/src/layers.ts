@@ -14,7 +14,7 @@ export type Layer = (typeof LAYERS)[number];
 const SIDES = [48, 128, 384] as const;
 const AHEAD_LEVEL = 1;
 /** What the rasters of all frames may take, were they all of the finest. */
-const ROOM_BYTES = 512 * 2 ** 20;
+const ROOM_BYTES = 64 * 2 ** 20;
 /** Rasters that were given up on the way and are kept to go on with. */
 const MOST_BEGUN = 12;
 const RAYS = { first: 512, least: 128, most: 16384 };
@@ -87,11 +87,16 @@ export class LayerRenderer {
     private readonly room = roomFor(facts),
   ) {}
 
-  /** The finest raster of `frame` so far; asks for a finer one. */
+  /** The finest raster of `frame` so far. */
+  peek(frame: number): Raster | undefined {
+    return this.finished.get(frame);
+  }
+
+  /** The same; asks for a finer one. */
   get(frame: number): Raster | undefined {
     this.shown = frame;
     if (!this.running && !this.closed) void this.run();
-    return this.finished.get(frame);
+    return this.peek(frame);
   }
 
   /** The raster of `frame` at the level that frames are rendered ahead to, also where there is a finer one. */

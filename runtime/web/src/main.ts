@@ -33,7 +33,7 @@ const beside: Files = {
   read: async (path) => {
     const response = await fetch(path).catch(() => undefined);
     if (!response?.ok) throw new InputError(`${path} cannot be loaded from where the page lies; copy it there again, or start 'decomo-view' again.`);
-    return response.arrayBuffer();
+    return (await response.blob()).arrayBuffer(); // of its length; the response's own leaves a larger copy behind
   },
 };
 

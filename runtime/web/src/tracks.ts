@@ -1,6 +1,9 @@
 /** Tracks: what a model answers to queries, bent through what the user gave. All of it is derived from the document. */
 
 import type { Content, Correction, Given, Point, Query } from "./document";
+import { expectedErrors } from "./model/errors";
+import type { ModelFacts } from "./model/facts";
+import type { Tracked } from "./model/protocol";
 
 /** Where one point is in every frame of the clip. */
 export interface Track {
@@ -10,6 +13,8 @@ export interface Track {
   readonly occlusion: Float32Array;
   /** [T], true where the score is above the model's threshold. */
   readonly occluded: readonly boolean[];
+  /** [T], how far the place may be from the truth, in pixels of the clip; 0 where the user gave it. */
+  readonly error: Float32Array;
 }
 
 /** A point of the document and where it goes. */
@@ -57,14 +62,16 @@ export class Answers {
 
 const keyOf = ({ t, x, y }: Query): string => `${t} ${x} ${y}`;
 
-/** Cuts the answer for N queries, `tracks` [N, T, 2] and `occlusion` [N, T], into one track a query. */
-export function splitTracks(tracks: Float32Array, occlusion: Float32Array, numFrames: number, threshold: number): Track[] {
-  return Array.from({ length: occlusion.length / numFrames }, (_, row) => {
+/** Cuts the answer to N queries, `tracks` [N, T, 2] and `occlusion` [N, T], into one track a query. */
+export function splitTracks({ tracks, occlusion }: Tracked, queries: readonly Query[], facts: ModelFacts): Track[] {
+  const { numFrames, occlusionThreshold } = facts;
+  return queries.map(({ t }, row) => {
     const scores = occlusion.slice(row * numFrames, (row + 1) * numFrames);
     return {
       xy: tracks.slice(row * numFrames * 2, (row + 1) * numFrames * 2),
       occlusion: scores,
-      occluded: Array.from(scores, (score) => score > threshold),
+      occluded: Array.from(scores, (score) => score > occlusionThreshold),
+      error: expectedErrors(scores, t, facts),
     };
   });
 }
@@ -80,6 +87,8 @@ export function bend(answer: Track, query: Query, given: readonly Given[]): Trac
   if (given.length === 0) return answer;
   const numFrames = answer.occluded.length;
   const xy = bentPlaces(answer, query, given);
+  const error = answer.error.slice();
+  for (const { t, place } of given) if (place !== null) error[t] = 0;
   const occlusion = answer.occlusion.slice();
   const occluded = [...answer.occluded];
   const states = [{ t: query.t, hidden: undefined }, ...given.map(({ t, place }) => ({ t, hidden: place === null }))].sort(byFrame);
@@ -92,7 +101,7 @@ export function bend(answer: Track, query: Query, given: readonly Given[]): Trac
       occlusion[frame] = hidden ? 1 : 0;
     }
   });
-  return { xy, occlusion, occluded };
+  return { xy, occlusion, occluded, error };
 }
 
 function bentPlaces({ xy, occluded }: Track, query: Query, given: readonly Given[]): Float32Array {

@@ -2,7 +2,8 @@
 
 import { BufferTarget, CanvasSource, Mp4OutputFormat, Output, QUALITY_HIGH, WebMOutputFormat, getFirstEncodableVideoCodec } from "mediabunny";
 import type { Size } from "./geometry";
-import { InputError } from "./model/facts";
+import { InputError, type ModelFacts } from "./model/facts";
+import { type Times, duration, isEven } from "./times";
 
 const LONG_SIDE = 720;
 
@@ -11,6 +12,9 @@ export function videoSize({ width, height }: Size): Size {
   const factor = Math.max(1, Math.ceil(LONG_SIDE / Math.max(width, height)));
   return { width: 2 * Math.ceil((width * factor) / 2), height: 2 * Math.ceil((height * factor) / 2) };
 }
+
+/** What the file is told of the rate: nothing where it varies, since times would be moved to it. */
+export const rateOf = (times: Times): { frameRate?: number } => (isEven(times) ? { frameRate: times.fps } : {});
 
 export interface Saved {
   readonly content: ArrayBuffer;
@@ -27,16 +31,11 @@ const FORMATS = [
 ] as const;
 
 /** Encodes what is drawn of all frames; mp4 where the browser can, else webm. */
-export async function encodeVideo(
-  image: Size,
-  { fps, numFrames }: { readonly fps: number; readonly numFrames: number },
-  draw: Draw,
-  onProgress: (frame: number) => void,
-): Promise<Saved> {
+export async function encodeVideo(facts: ModelFacts, draw: Draw, onProgress: (frame: number) => void): Promise<Saved> {
   if (!("VideoEncoder" in window)) {
     throw new InputError("This browser cannot encode video (it has no WebCodecs); use 'decomo-track --overlay' instead.");
   }
-  const size = videoSize(image);
+  const size = videoSize(facts);
   for (const [suffix, format, codecs] of FORMATS) {
     const codec = await getFirstEncodableVideoCodec([...codecs], size);
     if (codec === null) continue;
@@ -46,11 +45,11 @@ export async function encodeVideo(
     const target = new BufferTarget();
     const output = new Output({ format: format(), target });
     const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH });
-    output.addVideoTrack(source, { frameRate: fps });
+    output.addVideoTrack(source, rateOf(facts));
     await output.start();
-    for (let frame = 0; frame < numFrames; frame++) {
+    for (let frame = 0; frame < facts.numFrames; frame++) {
       await draw(context, frame);
-      await source.add(frame / fps, 1 / fps);
+      await source.add(facts.times[frame] ?? 0, duration(facts, frame));
       onProgress(frame);
     }
     await output.finalize();

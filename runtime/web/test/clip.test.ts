@@ -4,23 +4,31 @@ import { Clip } from "../src/clip";
 import type { ModelFacts } from "../src/model/facts";
 
 const SIDE = 4096;
-const ROOM = 12;
+const ROOM = 4;
 
 afterEach(() => vi.unstubAllGlobals());
 
-/** A clip of so many frames of which each decodes at once, and the numbers of those asked for, in order. */
-function opened(length: number, side: number): { clip: Clip; asked: number[] } {
-  vi.stubGlobal("createImageBitmap", async () => ({ width: side, height: side, close: () => undefined }));
+const made: object[] = [];
+
+/** A clip of so many frames of which each but the `broken` one decodes at once, and the numbers of those asked for, in order. */
+function opened(length: number, side: number, broken?: number) {
+  const closes: object[] = [];
+  made.length = 0;
+  vi.stubGlobal("createImageBitmap", async ({ size }: Blob) => {
+    if (size > 0) throw new Error("broken");
+    const picture: object = { width: side, height: side, close: () => closes.push(picture) };
+    made.push(picture);
+    return picture;
+  });
   const asked: number[] = [];
+  const said: string[] = [];
   const facts = { clipName: "slide", numFrames: length, width: side, height: side } as ModelFacts;
   const load = async (frame: number): Promise<Blob> => {
     asked.push(frame);
-    return new Blob();
+    return new Blob(frame === broken ? ["no image"] : []);
   };
-  const fail = (error: Error): never => {
-    throw error;
-  };
-  return { clip: new Clip(length, facts, load, () => undefined, fail), asked };
+  const clip = new Clip(length, facts, load, () => undefined, ({ message }) => said.push(message));
+  return { clip, asked, said, closed: () => closes };
 }
 
 const settled = (): Promise<void> => new Promise((done) => setTimeout(done, 20));
@@ -70,6 +78,37 @@ describe("frames of a clip", () => {
     clip.get(0);
     clip.close();
     await settled();
-    expect(asked).toHaveLength(6);
+    expect(asked).toHaveLength(3);
+  });
+
+  it("are decoded few at a time, what is wanted last before what was passed by", async () => {
+    const { clip, asked } = opened(300, 1024);
+    for (const frame of [0, 100, 200]) clip.get(frame);
+    await settled();
+    expect(asked.slice(0, 6)).toEqual([0, 1, 2, 200, 201, 202]);
+    expect(asked).toHaveLength(32); // of 4 MiB each
+  });
+
+  it("give their memory back when they leave, once each, and all when the clip is closed", async () => {
+    const { clip, closed } = opened(40, SIDE);
+    for (let frame = 0; frame < 40; frame += 2) {
+      clip.get(frame);
+      await settled();
+      expect(clip.peek(frame)).toBeDefined();
+      expect(closed()).not.toContain(clip.peek(frame));
+    }
+    clip.close();
+    expect(closed().length).toBe(new Set(closed()).size);
+    expect(closed().length).toBe(made.length);
+  });
+
+  it("that do not decode are said once, and not tried again", async () => {
+    const { clip, asked, said } = opened(3, 16, 1);
+    for (let time = 0; time < 3; time++) {
+      clip.get(0);
+      await settled();
+    }
+    expect([...asked].sort()).toEqual([0, 1, 2]);
+    expect(said).toEqual(["Frame 1 of the clip does not decode as an image; replace it."]);
   });
 });

@@ -55,7 +55,8 @@ describe("readFacts", () => {
     const uneven = Array.from({ length: 32 }, (_, frame) => frame ** 2 / 30);
     const written = (times: string) => model({ ...METADATA, "decomotion.times": times });
     expect(readFacts(written(JSON.stringify(uneven)), "m.onnx").times).toEqual(uneven);
-    for (const wrong of ["[0, 1]", JSON.stringify(uneven.map(String)), "[0, 1", "7"]) {
+    const [falling, late] = [uneven.with(7, 0.1), uneven.with(0, 0.01)].map((times) => JSON.stringify(times));
+    for (const wrong of ["[0, 1]", falling ?? "", late ?? "", JSON.stringify(uneven.map(String)), "[0, 1", "7"]) {
       expect(refusal(written(wrong))).toContain("impossible metadata decomotion.times");
     }
   });

@@ -12,11 +12,11 @@ const GIVEN: Correction[] = [{ point: 1, t: 0, place: { x: 1, y: 2 } }];
 const POINTS: Followed[] = [
   {
     ...{ id: 1, name: 'a "b", c', colour: "#102030", t: 1, x: 2.25, y: -0.5 },
-    track: { xy: Float32Array.of(1, 2, 2.25, -0.5), occlusion: Float32Array.of(0.75, 0), occluded: [true, false] },
+    track: { xy: Float32Array.of(1, 2, 2.25, -0.5), occlusion: Float32Array.of(0.75, 0), occluded: [true, false], error: Float32Array.of(6, 0) },
   },
   {
     ...{ id: 2, name: "d", colour: "#405060", t: 0, x: 9.5, y: 7.5 },
-    track: { xy: Float32Array.of(9.5, 7.5, 11, 12), occlusion: Float32Array.of(0.25, 1), occluded: [false, true] },
+    track: { xy: Float32Array.of(9.5, 7.5, 11, 12), occlusion: Float32Array.of(0.25, 1), occluded: [false, true], error: Float32Array.of(0, 8) },
   },
 ].map((point) => ({ ...point, answer: point.track, given: [] }));
 const DRAFTS = POINTS.map(({ name, colour, t, x, y }) => ({ name, colour, t, x, y }));
@@ -25,11 +25,11 @@ const bytes = (text: string): Uint8Array => new TextEncoder().encode(text);
 describe("files of points", () => {
   it("writes tracks as decomo-track does", () => {
     expect(tracksCsv(POINTS, FACTS).split("\n")).toEqual([
-      "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time",
-      "0,0,1.0000,2.0000,0.7500,1,1,2.2500,-0.5000,0.000000",
-      "0,1,2.2500,-0.5000,0.0000,0,1,2.2500,-0.5000,0.083333",
-      "1,0,9.5000,7.5000,0.2500,0,0,9.5000,7.5000,0.000000",
-      "1,1,11.0000,12.0000,1.0000,1,0,9.5000,7.5000,0.083333",
+      "point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time,error",
+      "0,0,1.0000,2.0000,0.7500,1,1,2.2500,-0.5000,0.000000,6.0000",
+      "0,1,2.2500,-0.5000,0.0000,0,1,2.2500,-0.5000,0.083333,0.0000",
+      "1,0,9.5000,7.5000,0.2500,0,0,9.5000,7.5000,0.000000,0.0000",
+      "1,1,11.0000,12.0000,1.0000,1,0,9.5000,7.5000,0.083333,8.0000",
       "",
     ]);
   });

@@ -1,14 +1,20 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
 import { box, clampPlace, gridCells, gridInside } from "../src/geometry";
 import { LayerRenderer, nextWork, rasterSize, rays, roomFor } from "../src/layers";
+import { errorInUnits } from "../src/model/errors";
+import type { ModelFacts } from "../src/model/facts";
 import type { Appearance } from "../src/model/protocol";
 import { spans, splitTracks } from "../src/tracks";
 import { Player } from "../src/ui/player";
 
 describe("tracks", () => {
   it("are cut out of the answer row by row", () => {
-    const [first, second] = splitTracks(Float32Array.of(1, 2, 3, 4, 5, 6, 7, 8), Float32Array.of(0.1, 0.5, 0.6, 1), 2, 0.5);
-    expect(first).toEqual({ xy: Float32Array.of(1, 2, 3, 4), occlusion: Float32Array.of(0.1, 0.5), occluded: [false, false] });
+    const tracked = { tracks: Float32Array.of(1, 2, 3, 4, 5, 6, 7, 8), occlusion: Float32Array.of(0.1, 0.5, 0.6, 1) };
+    const facts = { numFrames: 2, occlusionThreshold: 0.5, width: 512, height: 99 } as ModelFacts;
+    const [first, second] = splitTracks(tracked, [{ t: 0, x: 1, y: 2 }, { t: 1, x: 7, y: 8 }], facts);
+    expect(first).toMatchObject({ xy: Float32Array.of(1, 2, 3, 4), occlusion: Float32Array.of(0.1, 0.5), occluded: [false, false] });
+    expect([first?.error[0], second?.error[1]]).toEqual([0, 0]);
+    expect(first?.error[1]).toBeCloseTo(2 * errorInUnits(0.5, 1, undefined), 4);
     expect(second?.occluded).toEqual([true, true]);
   });
 
@@ -127,11 +133,11 @@ describe("the renderer of layers", () => {
     expect(Reflect.get(made, "begun").size).toBe(12);
   });
 
-  it("has room for no more than half a gigabyte", () => {
+  it("has room for no more than 64 MiB", () => {
     for (const [width, height] of [[512, 512], [384, 216], [4096, 2160], [30, 20]] as const) {
       const finest = rasterSize({ width, height }, 2);
       const bytes = 5 * 4 * finest.width * finest.height;
-      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 29 / bytes));
+      expect(roomFor({ width, height })).toBe(Math.floor(2 ** 26 / bytes));
     }
   });
 
@@ -155,7 +161,10 @@ describe("the renderer of layers", () => {
 });
 
 describe("the player", () => {
-  afterEach(() => vi.unstubAllGlobals());
+  afterEach(() => {
+    vi.unstubAllGlobals();
+    vi.restoreAllMocks();
+  });
 
   it("has one clock, however often it is switched within a frame of the screen", () => {
     const requests = new Map<number, FrameRequestCallback>();
@@ -163,9 +172,26 @@ describe("the player", () => {
     vi.stubGlobal("requestAnimationFrame", (callback: FrameRequestCallback) => requests.set(++last, callback) && last);
     vi.stubGlobal("cancelAnimationFrame", (request: number) => requests.delete(request));
     const player = new Player(() => {}, () => true);
-    player.load(5, 10);
+    player.load({ times: [0, 0.1, 0.2, 0.3, 0.4], fps: 10 });
     for (let press = 0; press < 3; press++) player.toggle();
     expect(player.playing).toBe(true);
     expect(requests.size).toBe(1);
+  });
+
+  it("shows each frame for its own time, the last for a mean one", () => {
+    let [now, request]: [number, FrameRequestCallback] = [0, () => {}];
+    vi.stubGlobal("requestAnimationFrame", (callback: FrameRequestCallback) => ((request = callback), 1));
+    vi.stubGlobal("cancelAnimationFrame", () => undefined);
+    vi.spyOn(performance, "now").mockImplementation(() => now);
+    const player = new Player(() => {}, () => true);
+    player.load({ times: [0, 0.04, 0.14, 0.2], fps: 15 });
+    player.toggle();
+    const shown: number[] = [];
+    for (; now <= 600; now += 10) {
+      request(now);
+      shown.push(player.frame);
+    }
+    expect([0, 1, 2, 3].map((frame) => shown.indexOf(frame, 1) * 10)).toEqual([10, 40, 140, 200]);
+    expect(shown.indexOf(0, 21) * 10).toBe(270); // 1 / 15 after the last
   });
 });

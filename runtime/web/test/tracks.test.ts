@@ -7,6 +7,7 @@ const ANSWER: Track = {
   xy: Float32Array.from({ length: 14 }, (_, index) => (index % 2 === 0 ? 5 * index : 5)),
   occlusion: Float32Array.of(0, 0, 0, 0, 0.8, 0.9, 0.2),
   occluded: [false, false, false, false, true, true, false],
+  error: Float32Array.of(1, 0, 1, 2, 8, 9, 3),
 };
 const QUERY = { t: 1, x: 10, y: 5 };
 const at = (x: number, y: number) => ({ x, y });
@@ -33,6 +34,11 @@ describe("a bent track", () => {
     const seen = bend(ANSWER, QUERY, [{ t: 5, place: at(50, 5) }]);
     expect(hidden(seen)).toBe("0000100");
     expect(Array.from(seen.occlusion, (score) => Math.round(100 * score) / 100)).toEqual([0, 0, 0, 0, 0.8, 0, 0.2]);
+  });
+
+  it("has no error where it is given", () => {
+    const bent = bend(ANSWER, QUERY, [{ t: 3, place: at(34, 5) }, { t: 6, place: null }]);
+    expect([...bent.error]).toEqual([1, 0, 1, 0, 8, 9, 3]);
   });
 
   it("waits with places in frames that are not answered yet", () => {

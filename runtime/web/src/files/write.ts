@@ -24,10 +24,10 @@ export function tracksCsv(points: readonly Followed[], { times }: ModelFacts): s
   const lines = points.flatMap(({ t, x, y, track }, row) =>
     track.occluded.map((hidden, frame) => {
       const answer = [track.xy[2 * frame], track.xy[2 * frame + 1], track.occlusion[frame]].map(decimals);
-      return [row, frame, ...answer, hidden ? 1 : 0, t, ...[x, y].map(decimals), (times[frame] ?? 0).toFixed(6)].join(",");
+      return [row, frame, ...answer, hidden ? 1 : 0, t, ...[x, y].map(decimals), (times[frame] ?? 0).toFixed(6), decimals(track.error[frame])].join(",");
     }),
   );
-  return `${["point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time", ...lines].join("\n")}\n`;
+  return `${["point,frame,x,y,occlusion,occluded,query_t,query_x,query_y,time,error", ...lines].join("\n")}\n`;
 }
 
 /** The arrays of `decomo-track --out tracks.npz`. */
@@ -39,6 +39,7 @@ export function tracksNpz(points: readonly Followed[], { numFrames, width, heigh
     tracks: writeNpy("<f4", [count, numFrames, 2], flat(({ track }) => track.xy)),
     occluded: writeNpy("|b1", [count, numFrames], flat(({ track }) => track.occluded.map(Number))),
     occlusion: writeNpy("<f4", [count, numFrames], flat(({ track }) => track.occlusion)),
+    error: writeNpy("<f4", [count, numFrames], flat(({ track }) => track.error)),
     frames: writeNpy("<i8", [numFrames], Array.from({ length: numFrames }, (_, frame) => frame)),
     times: writeNpy("<f8", [numFrames], [...times]),
     height: writeNpy("<i8", [], [height]),
@@ -71,6 +72,7 @@ export function projectJson(points: readonly Followed[], facts: ModelFacts, draw
       tracks: Array.from({ length: numFrames }, (_, frame) => [rounded(track.xy[2 * frame]), rounded(track.xy[2 * frame + 1])]),
       occlusion: Array.from(track.occlusion, rounded),
       occluded: track.occluded,
+      error: Array.from(track.error, rounded),
       ...(given.length > 0 ? { corrections: given.map(({ t, place }) => (place ? { t, ...place } : { t, hidden: true })) } : {}),
     })),
     ...(drawings.length > 0 ? { drawings: drawingsRecord(drawings) } : {}),

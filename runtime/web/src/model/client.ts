@@ -104,6 +104,15 @@ export class Model {
     return follow(models, this.returnings, queries, onPart);
   }
 
+  /** Follows `queries` [N, 3], all of one frame, to those of `asked` that lie in that frame's window. */
+  async glance(queries: Float32Array, asked: readonly number[]): Promise<Tracked & { readonly frames: readonly number[] }> {
+    const number = home(this.windows, queries[0] ?? 0);
+    const { begin, end } = this.windows[number] ?? { begin: 0, end: 0 };
+    const near = asked.filter((frame) => frame >= begin && frame < end);
+    const answer = await this.ask(number, counted(queries, begin), near.map((frame) => frame - begin));
+    return { ...answer, frames: near };
+  }
+
   /**
    * Where `queries` [N, 3], all of one frame, are in the frames `targets` [M] of the clip; in another window than the
    * queries' own as `track` follows them there, which takes long.
@@ -201,7 +210,7 @@ export class Model {
   }
 }
 
-/** Queries that count frames from `begin` on. */
+/** Queries [N, 3] whose frames count from `begin`. */
 const counted = (queries: Float32Array, begin: number): Float32Array => queries.map((value, index) => (index % 3 === 0 ? value - begin : value));
 
 /** `InputError` where the model `file` has not the length and size that `path` says. */

@@ -68,10 +68,8 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     const said = file.metadata.get("decomotion.times");
     if (said === undefined) return Array.from({ length: frames }, (_, frame) => frame / fps);
     const times: unknown = parsed(said);
-    if (!Array.isArray(times) || times.length !== frames || !times.every((time) => Number.isFinite(time))) {
-      throw new InputError(`${name} has impossible metadata decomotion.times; export the model again.`);
-    }
-    return times as number[];
+    if (!rises(times, frames)) throw new InputError(`${name} has impossible metadata decomotion.times; export the model again.`);
+    return times;
   };
   const quality = (): Quality | undefined => {
     const said = file.metadata.get("decomotion.quality");
@@ -99,6 +97,13 @@ export function readFacts(bytes: Uint8Array, name: string): ModelFacts {
     quality: quality(),
   };
 }
+
+/** Whether these are seconds of so many frames, from 0. */
+export const rises = (times: unknown, frames: number): times is number[] =>
+  Array.isArray(times) &&
+  times.length === frames &&
+  times[0] === 0 &&
+  times.every((time, frame) => Number.isFinite(time) && (frame === 0 || time > times[frame - 1]));
 
 function parsed(text: string): unknown {
   try {

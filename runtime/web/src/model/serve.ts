@@ -50,10 +50,12 @@ async function open(ort: Runtime, model: ArrayBuffer, base: string, backend: Bac
     ort.env.wasm.wasmPaths = { mjs: `${base}runtime/${backend}.mjs` };
     ort.env.wasm.wasmBinary = await fetchUnpacked(`${base}runtime/${backend}.wasm.gz`);
   }
-  return ort.InferenceSession.create(new Uint8Array(model), {
+  const session = await ort.InferenceSession.create(new Uint8Array(model), {
     executionProviders: [backend],
     logSeverityLevel: 3,
   });
+  model.transfer?.(0); // it is copied: its memory goes now, and not when this worker, which makes little garbage, collects it
+  return session;
 }
 
 /** The unpacked content of a gzip file, also where the host has already unpacked it on the way. */

@@ -1,6 +1,6 @@
 /** Windows: parts of a clip, each with a model of its own, and the file that says where they lie. */
 
-import { InputError, type ModelFacts } from "./facts";
+import { InputError, type ModelFacts, rises } from "./facts";
 import { readQuality, worst } from "./quality";
 
 export const WINDOWS_FILE = "windows.json";
@@ -97,8 +97,4 @@ function covers(windows: readonly Window[], numFrames: number): boolean {
   const [first, last] = [windows[0], windows.at(-1)];
   const plain = windows.every(({ name }) => /^window-[0-9]+$/.test(name)) && new Set(windows.map(({ name }) => name)).size === windows.length;
   return plain && connected && first?.begin === 0 && first.end > 0 && last?.end === numFrames;
-}
-
-function rises(seconds: readonly number[], numFrames: number): boolean {
-  return seconds.length === numFrames && seconds[0] === 0 && seconds.every((time, frame) => frame === 0 || time > (seconds[frame - 1] ?? time));
 }

@@ -153,7 +153,7 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
   async function saveVideo(what: string, encode: typeof encodeVideo, draw: Draw): Promise<void> {
     if (facts === undefined) return;
     const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
-    const video = await encode(facts, facts, draw, onProgress);
+    const video = await encode(facts, draw, onProgress);
     download(`${facts.clipName}-${what}.${video.suffix}`, video.content, video.type);
     view.status(`Saved ${facts.clipName}-${what}.${video.suffix}.`);
   }

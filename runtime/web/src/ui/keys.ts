@@ -30,6 +30,8 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   if (event.key === ".") return () => app.player.step(1);
   if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();
   if (event.key === "h" || event.key === "H") return () => app.markOther();
+  if (event.key === "n" || event.key === "N") return () => app.jump(1);
+  if (event.key === "p" || event.key === "P") return () => app.jump(-1);
   if (event.key === "Delete") return () => app.removeSelected();
   if (onInput) return undefined;
   const keys: Record<string, () => void> = {

@@ -1,6 +1,7 @@
 /** The list of points: colour, name, how long it is seen, and a strip over time. */
 
 import { type Document, changed, withoutPoint } from "../document";
+import { errorColour } from "../sureness";
 import { type Followed, type Track, spans } from "../tracks";
 import { make } from "./dom";
 
@@ -14,7 +15,7 @@ interface Row {
   readonly strip: HTMLElement;
   readonly needle: HTMLElement;
   /** Shows the point's name, colour and track, and what is given of it. */
-  readonly refresh: (point: Followed) => void;
+  readonly refresh: (point: Followed, errorUnit: number | undefined) => void;
 }
 
 export class PointRows {
@@ -26,8 +27,11 @@ export class PointRows {
     private readonly events: ListEvents,
   ) {}
 
-  /** Brings the rows up to date; those of points that stay are kept, with the focus in them. */
-  update(points: readonly Followed[], selected: number | undefined): void {
+  /**
+   * Brings the rows up to date; those of points that stay are kept, with the focus in them. Strips are coloured by
+   * expected errors where `errorUnit`, the length of a unit in pixels of the clip, is given.
+   */
+  update(points: readonly Followed[], selected: number | undefined, errorUnit?: number): void {
     const wanted = new Set(points.map(({ id }) => id));
     for (const [id, { item }] of this.rows) {
       if (wanted.has(id)) continue;
@@ -37,7 +41,7 @@ export class PointRows {
     points.forEach((point, index) => {
       const row = this.rows.get(point.id) ?? this.build(point);
       this.rows.set(point.id, row);
-      row.refresh(point);
+      row.refresh(point, errorUnit);
       if (this.list.children[index] !== row.item) this.list.insertBefore(row.item, this.list.children[index] ?? null);
       row.item.setAttribute("aria-current", String(point.id === selected));
     });
@@ -87,8 +91,11 @@ export class PointRows {
     });
     const item = make("li", {}, swatch, label, share, remove, strip);
     let shown: Followed | undefined;
-    const refresh = (now: Followed): void => {
-      if (now === shown) return; // what is being typed stays
+    let colouredBy: number | undefined;
+    const refresh = (now: Followed, errorUnit: number | undefined): void => {
+      if (now === shown && errorUnit === colouredBy) return; // what is being typed stays
+      colouredBy = errorUnit;
+      strip.style.backgroundImage = stripes(now, errorUnit);
       const { name, colour, track, given } = now;
       if (name !== shown?.name) label.value = name;
       shown = now;
@@ -100,7 +107,6 @@ export class PointRows {
       remove.ariaLabel = `Delete ${name}`;
       strip.ariaLabel = [describe(track), ...given.map(({ t }) => `given in frame ${t}`)].join(", ");
       strip.replaceChildren(...given.map(({ t }) => mark(t, numFrames)), needle);
-      strip.style.backgroundImage = stripes(track, colour);
     };
     return { item, strip, needle, refresh };
   }
@@ -115,11 +121,15 @@ function mark(frame: number, numFrames: number): HTMLElement {
 
 const middleOf = (frame: number, numFrames: number): string => `${((frame + 0.5) / numFrames) * 100}%`;
 
-/** Solid where the point is in sight, nothing where it is hidden. */
-function stripes(track: Track, colour: string): string {
+/** Solid, or coloured by expected errors, where the point is in sight, nothing where it is hidden. */
+function stripes({ track, colour }: Followed, errorUnit: number | undefined): string {
   const percent = (frame: number): string => `${(100 * frame) / track.occluded.length}%`;
-  const stops = spans(track.occluded).map(
-    ({ begin, end, occluded }) => `${occluded ? "transparent" : colour} ${percent(begin)} ${percent(end)}`,
+  const inSight = (begin: number, end: number): string[] =>
+    errorUnit === undefined
+      ? [`${colour} ${percent(begin)} ${percent(end)}`]
+      : [...track.error.subarray(begin, end)].map((error, index) => `${errorColour(error, errorUnit)} ${percent(begin + index)} ${percent(begin + index + 1)}`);
+  const stops = spans(track.occluded).flatMap(({ begin, end, occluded }) =>
+    occluded ? [`transparent ${percent(begin)} ${percent(end)}`] : inSight(begin, end),
   );
   return `linear-gradient(to right, ${stops.join(", ")})`;
 }

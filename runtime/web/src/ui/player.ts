@@ -1,9 +1,12 @@
-/** The frame that is shown, and playing: one frame after the other at the clip's rate, round and round. */
+/** The frame that is shown, and playing: one frame after the other at their times, round and round. */
+
+import { type Times, duration } from "../times";
+
 export class Player {
   frame = 0;
   playing = false;
   private numFrames = 1;
-  private fps = 24;
+  private times: Times = { times: [0], fps: 24 };
   private due = 0;
   private request = 0;
 
@@ -13,8 +16,8 @@ export class Player {
     private readonly isReady: (frame: number) => boolean,
   ) {}
 
-  load(numFrames: number, fps: number): void {
-    Object.assign(this, { numFrames, fps, frame: 0, playing: false });
+  load(times: Times): void {
+    Object.assign(this, { times, numFrames: times.times.length, frame: 0, playing: false });
     this.onFrame();
   }
 
@@ -32,17 +35,21 @@ export class Player {
 
   toggle(): void {
     this.playing = !this.playing && this.numFrames > 1;
-    this.due = performance.now() + 1000 / this.fps;
+    this.due = performance.now() + this.milliseconds(this.frame);
     cancelAnimationFrame(this.request);
     if (this.playing) this.request = requestAnimationFrame((now) => this.tick(now));
     this.onFrame();
+  }
+
+  private milliseconds(frame: number): number {
+    return 1000 * duration(this.times, frame);
   }
 
   private tick(now: number): void {
     if (!this.playing) return;
     const next = (this.frame + 1) % this.numFrames;
     if (now >= this.due && this.isReady(next)) {
-      this.due = Math.max(this.due + 1000 / this.fps, now);
+      this.due = Math.max(this.due + this.milliseconds(next), now);
       this.frame = next;
       this.onFrame();
     }

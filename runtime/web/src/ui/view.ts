@@ -8,6 +8,7 @@ import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
 import { summary, warning } from "../model/quality";
 import { element, make } from "./dom";
+import { ErrorPanel } from "./errors";
 import { Pen } from "./pen";
 import { Stage } from "./stage";
 import { Tools } from "./tools";
@@ -21,7 +22,7 @@ export class View {
   readonly drawings = element("drawings", HTMLOListElement);
   readonly pen = new Pen({
     onBegin: (tool, t) => {
-      this.app?.player.step(0);
+      this.app?.pauseAt(t); // it may stand in for another
       this.app?.sketch.begin(tool, t);
     },
     onDraft: (mark) => this.app?.sketch.sketch(mark),
@@ -30,6 +31,7 @@ export class View {
   readonly stage: Stage;
   private readonly tools = new Tools(this.pen, this);
   private app: App | undefined;
+  private readonly errors = new ErrorPanel();
   private readonly scrub = element("scrub", HTMLInputElement);
   private readonly splitSelect = element("split", HTMLSelectElement);
   private readonly divider = element("divider", HTMLInputElement);
@@ -88,6 +90,7 @@ export class View {
     }
     const onClick = (id: string, action: () => void): void =>
       element(id, HTMLButtonElement).addEventListener("click", () => this.attempt(Promise.resolve().then(action)));
+    this.errors.connect(app);
     onClick("play", () => app.player.toggle());
     onClick("previous", () => app.player.step(-1));
     onClick("next", () => app.player.step(1));
@@ -143,6 +146,7 @@ export class View {
     this.showTrail(this.app.trail);
     this.spacing.value = String(Math.max(4, Math.round(Math.max(width, height) / 16)));
     this.layers(LAYERS, this.app);
+    this.errors.opened(this.app);
   }
 
   layers(all: readonly Layer[], app: App): void {
@@ -157,7 +161,12 @@ export class View {
     this.divider.hidden = app.split === undefined;
   }
 
-  showFrame(frame: number, numFrames: number, playing: boolean): void {
+  /** `shown`: the frame that stands in for one whose pictures are still to come, or the same. */
+  showFrame({ followed, selected, player: { frame, playing } }: App, numFrames: number, shown: number): void {
+    const picture = element("frame", HTMLDivElement);
+    picture.ariaBusy = String(shown !== frame);
+    picture.dataset.shown = String(shown);
+    this.errors.showFrame(followed.find(({ id }) => id === selected), frame);
     this.scrub.value = String(frame);
     this.scrub.ariaValueText = `frame ${frame} of 0 to ${numFrames - 1}`;
     element("frame-number", HTMLOutputElement).value = `${frame} / ${numFrames - 1}`;
@@ -167,7 +176,9 @@ export class View {
   }
 
   /** `unfinished`: some are still being followed, and none can be saved. */
-  content({ document: { points, corrections, drawings, canUndo, canRedo }, selected }: App, unfinished = false): void {
+  content(app: App, unfinished = false): void {
+    const { document: { points, corrections, drawings, canUndo, canRedo }, selected } = app;
+    this.errors.update(app);
     const count = points.length;
     element("count", HTMLSpanElement).textContent = String(count);
     element("no-points", HTMLParagraphElement).hidden = count > 0;

@@ -1,0 +1,65 @@
+"""`decomo-batch`: fits, exports and tracks every clip of a folder or list."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from decomotion import console
+from decomotion.errors import TrainingError
+from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
+from decomotion.options import Duration, forwarded, seed_option, supervision_options, window_options
+
+OWN = ("out", "grid", "overlay", "attempts", *ENGINE_OPTIONS)
+"""Options that are not decomo-train's."""
+
+
+@click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
+@click.argument("clips", metavar="FOLDER|LIST", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of all results.")
+@click.option("--grid", metavar="STEP@T", default="16@0", help="Points to follow: one every STEP pixels of frame T.")
+@click.option("--overlay/--no-overlay", default=True, help="Also draw the tracks on each clip.")
+@click.option("--time-budget", type=Duration(), help="Of each clip, as for decomo-train.  [default: decomo-train's]")
+@click.option("--steps", type=click.IntRange(min=1), help="Of each clip, instead of a time.")
+@supervision_options
+@window_options
+@seed_option
+@click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
+@engine_options("clips")
+@click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a clip before it is given up.")
+@click.pass_context
+def command(
+    context: click.Context, clips: Path, out: Path, grid: str, overlay: bool, attempts: int, **options: Any
+) -> None:
+    """Fit, export and track every clip of FOLDER, or of a LIST of paths (.txt, .csv).
+
+    What is done is not done again: give the same command after an interruption, or to try failed clips once more.
+    """
+    from decomotion.batch.clips import check_common
+    from decomotion.batch.run import batch
+    from decomotion.outputs import check_folder
+
+    check_common(options)
+    check_folder("--out", out)
+    engine = chosen_engine(**{name: options[name] for name in ENGINE_OPTIONS})
+    asked = {"grid": grid, "overlay": overlay, "attempts": attempts}
+    results = batch(clips, out, forwarded(context, OWN), engine=engine, **asked)
+    if results.seconds_per_video is not None:
+        click.echo(f"{results.seconds_per_video:.0f} s a clip, {results.jobs} at a time")
+    click.echo(f"{len(results.finished)} finished, {len(results.failed)} failed; wrote {out / 'index.html'}")
+    if results.failed:
+        reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in results.failed)
+        raise TrainingError(f"{len(results.failed)} clips failed, the same command tries them again ({reasons})")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command; returns the exit code."""
+    return console.run(command, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

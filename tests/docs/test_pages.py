@@ -1,0 +1,67 @@
+"""What the README and the pages of docs/ keep to."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "research" not in p.parts)]
+LOG = sorted((ROOT / "docs" / "research").glob("*.md"))
+
+HISTORY = re.compile(r"\b(as before|no longer|used to be|formerly|previously|since then|was not kept)\b", re.IGNORECASE)
+
+
+def named(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def prose(page: Path) -> str:
+    """The page without its blocks of code."""
+    return re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+def test_readme_is_short():
+    assert len(README.splitlines()) <= 130
+
+
+def test_readme_has_one_headline_with_its_command_machine_and_date():
+    paragraph = README.split("<!-- the headline", 1)[1].split("-->", 1)[1].strip().split("\n\n")[0]
+    assert len(re.findall(r"\*\*[\d.]+\*\*", README)) == len(re.findall(r"\*\*[\d.]+\*\*", paragraph)) == 1
+    assert "benchmarks/" in paragraph
+    assert re.search(r"\bon an? [A-Z]", paragraph)
+    assert re.search(r"\b20\d\d-\d\d-\d\d\b", paragraph)
+    figure = re.search(r"\*\*([\d.]+)\*\*", paragraph)
+    assert figure is not None
+    assert f"**{figure[1]} / " in (ROOT / "docs" / "benchmarks.md").read_text(), "the table says something else"
+
+
+def test_the_moving_picture_moves_and_is_small():
+    picture = (ROOT / "docs" / "images" / "tracks.webp").read_bytes()
+    assert picture[8:12] == b"WEBP"
+    assert b"ANIM" in picture[:64]
+    assert len(picture) < 3_000_000
+    assert "docs/images/tracks.webp" in README
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_a_page_says_what_is(page: Path):
+    """History, and what was tried, is in the research log; a commit says nothing to a reader."""
+    text = prose(page)
+    assert HISTORY.findall(text) == []
+    assert re.findall(r"\bcommit `?[0-9a-f]{7,}", text) == []
+
+
+@pytest.mark.parametrize("page", [*PAGES, *LOG], ids=named)
+def test_cells_of_tables_are_short(page: Path):
+    rows = [line for line in prose(page).splitlines() if line.startswith("|")]
+    assert [cell for row in rows for cell in row.split("|") if len(cell) > 500] == []
+
+
+@pytest.mark.parametrize("page", LOG, ids=named)
+def test_an_entry_of_the_log_says_what_was_measured_or_decided(page: Path):
+    for entry in re.split(r"^### (?=[SKM]\d+$)", page.read_text(), flags=re.MULTILINE)[1:]:
+        assert re.search(r"^(Measured|Verdict):", entry, re.MULTILINE), entry[:60]

@@ -1,0 +1,123 @@
+"""Each tutorial, run from its own text in an empty folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from docs_pages import ROOT, SOURCES, Block, blocks, missing, unknown_options, write_commands
+
+PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+SECONDS = 600
+"""That a block may take: some ten are usual."""
+LANGUAGES = {"sh", "python", "text", "csv", "yaml"}
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]  # on a machine that does much else
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Of a shell that has this tree's commands, and one thread."""
+    commands = write_commands(tmp_path_factory.mktemp("bin"), sys.executable)
+    paths = [str(commands), str(Path(sys.executable).parent), os.environ["PATH"]]
+    return {
+        **os.environ,
+        "PATH": os.pathsep.join(paths),
+        "PYTHONPATH": os.pathsep.join(SOURCES),
+        "PYTHONUTF8": "1",
+        "OMP_NUM_THREADS": "1",
+        "MPLBACKEND": "Agg",
+    }
+
+
+def run(block: Block, environment: dict[str, str], folder: Path, seconds: float = SECONDS) -> str:
+    """What the block prints, both streams in one."""
+    start = [sys.executable, "-c"] if block.language == "python" else ["bash", "-euo", "pipefail", "-c"]
+    with subprocess.Popen(
+        [*start, block.text],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        start_new_session=True,
+    ) as process:
+        try:
+            printed, _ = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)  # with all that it has started
+            raise
+    assert process.returncode == 0, f"the block of line {block.line} ends with {process.returncode}:\n{printed[-4000:]}"
+    return printed
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_a_tutorial_says_works(page: Path, environment: dict[str, str], tmp_path: Path):
+    printed = ""
+    for block in blocks(page):
+        if block.language in ("sh", "python"):
+            printed = "" if block.not_run else run(block, environment, tmp_path)
+        elif block.language == "text" and printed:
+            lacking = missing(block.text, printed)
+            assert not lacking, f"line {block.line}: not printed: {lacking[0]}\nbut:\n{printed[-4000:]}"
+
+
+@pytest.mark.parametrize(
+    ("page", "block"),
+    [
+        pytest.param(page, block, id=f"{page.stem}:{block.line}")
+        for page in PAGES
+        for block in blocks(page)
+        if block.not_run
+    ],
+)
+def test_what_is_not_run_is_told(page: Path, block: Block):
+    if block.language == "sh" and not block.not_run.startswith("needs"):
+        assert not list(unknown_options(block))
+    pytest.skip(f"{page.name}, line {block.line}: {block.not_run}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_tutorial_tells_its_time_and_its_blocks_have_a_language(page: Path):
+    text = page.read_text(encoding="utf-8")
+    assert re.search(r"^\*\*Time\.\*\* ", text, re.M)
+    assert {block.language for block in blocks(page)} <= LANGUAGES
+    assert 2 * len(blocks(page)) == len(re.findall(r"^```", text, re.M)), "a fence without a language, or indented"
+
+
+def test_a_block_that_does_not_end_is_ended_with_its_children(environment: dict[str, str], tmp_path: Path):
+    block = Block("sh", "sleep 60 & echo $! > child; wait", 1)
+    with pytest.raises(subprocess.TimeoutExpired):
+        run(block, environment, tmp_path, seconds=1)
+    child = int((tmp_path / "child").read_text())
+    for _ in range(100):
+        if not _is_alive(child):
+            return
+        time.sleep(0.05)
+    pytest.fail("the child lives on")
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_lines_are_compared_but_for_their_numbers():
+    assert missing("12 points, 3.5 s\n…done", "7 points, 0.1 s\r\nnoise\nall done\n") == []
+    assert missing("12 points", "twelve points") == ["12 points"]
+    assert missing("a\nb", "b\na") == ["b"], "in this order"
+
+
+def test_an_option_that_a_command_lacks_is_seen():
+    block = Block("sh", "for f in a; do decomo-sample a --size 3 --seeds 4; done", 1)
+    assert list(unknown_options(block)) == ["decomo-sample --seeds"]

@@ -1,0 +1,119 @@
+"""What a page of the documentation tells its reader to type, to be typed by a test."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS: dict[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+"""Of each command, module and function."""
+SOURCES = [str(ROOT / part) for part in ("", "export", "runtime", "eval")]
+"""Where the packages are imported from."""
+
+_BLOCK = re.compile(r"^(?P<comment><!-- (?P<mark>[^\n]*) -->\n)?```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
+_NEEDS = re.compile(r"needs ([\w.]+)")
+_NUMBER = re.compile(r"\d[\d.e+-]*")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page."""
+
+    language: str
+    """sh, python: to be run; text: what the block before prints."""
+    text: str
+    line: int
+    """Of the page, from 1, on which the fence opens."""
+    not_run: str | None = None
+    """Why it is not run here; None: it is."""
+
+
+def blocks(page: Path) -> list[Block]:
+    """The blocks of a page, in order.
+
+    A comment in the line above a fence says what becomes of it. `<!-- not run: REASON -->`: nothing.
+    `<!-- needs MODULE: HINT -->`: it is run where the module can be imported.
+    """
+    content = page.read_text(encoding="utf-8")
+    found = []
+    for match in _BLOCK.finditer(content):
+        mark = match["mark"] or ""
+        reason = mark.removeprefix("not run: ") if mark.startswith("not run: ") else None
+        needed = _NEEDS.match(mark)
+        if needed and not _is_there(needed[1]):
+            reason = mark
+        if mark and reason is None and not needed:
+            raise ValueError(f"{page}: a comment above a block that says nothing to it: {mark}")
+        line = content.count("\n", 0, match.start("language")) + 1
+        found.append(Block(match["language"], match["text"], line, reason))
+    return found
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # nor is what holds it
+        return False
+
+
+def write_commands(folder: Path, python: str) -> Path:
+    """Writes this tree's commands into `folder`, as an installation would."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, place in SCRIPTS.items():
+        module, function = place.split(":")
+        script = folder / name
+        script.write_text(f"#!{python}\nimport sys\nfrom {module} import {function}\n\nsys.exit({function}())\n")
+        script.chmod(0o755)
+    return folder
+
+
+def missing(expected: str, printed: str) -> list[str]:
+    """Lines of `expected` that were not printed in this order, numbers aside; `…` stands for any text."""
+    lines = iter([line.strip() for line in re.split(r"[\r\n]+", printed)])
+    wanted = [line.strip() for line in expected.splitlines() if line.strip()]
+    for number, line in enumerate(wanted):
+        pattern = re.compile(_likeness(line))
+        if not any(pattern.fullmatch(each) for each in lines):
+            return wanted[number:]
+    return []
+
+
+def _likeness(line: str) -> str:
+    parts = (re.escape(part) for part in re.split(r"…", _NUMBER.sub("\0", line)))
+    return ".*".join(parts).replace(re.escape("\0"), _NUMBER.pattern).replace("\\ ", r"\s+")
+
+
+def unknown_options(block: Block) -> Iterator[str]:
+    """Options of our own commands, in a block of sh, that the commands do not have."""
+    for line in block.text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        for place, word in enumerate(words):
+            if word not in SCRIPTS or word == "decomo":
+                continue
+            rest = words[place + 1 :]
+            ends = [end for end, each in enumerate(rest) if each in ("&&", "||", "|", ";", "&", "done")]
+            known = _options(word)
+            yield from (
+                f"{word} {option}"
+                for option in rest[: min(ends, default=len(rest))]
+                if option.startswith("--") and option.split("=")[0] not in known
+            )
+
+
+def _options(name: str) -> set[str]:
+    module = importlib.import_module(SCRIPTS[name].split(":")[0])
+    commands = [each for each in vars(module).values() if isinstance(each, click.Command)]
+    return {
+        option
+        for each in commands
+        for parameter in each.params
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    } | {"--help"}
