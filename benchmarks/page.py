@@ -2,12 +2,15 @@
 
     python benchmarks/page.py goat.onnx goat.mp4
     python benchmarks/page.py goat.onnx --windows 30 --clicks 2
+    python benchmarks/page.py goat.onnx goat.mp4 --draw
     python benchmarks/page.py goat.onnx --long 300 --size 1920x1080
 
 Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
 as many while the model also renders its layers; prints milliseconds from a click to its point on the list and to its
-whole track. With `--windows`, the file is taken for each of so many windows of a long clip. With `--long`, it is taken
-for each window of a made clip of so many frames, which is scrubbed, played and rendered (`page_long.py`).
+whole track. With `--windows`, the file is taken for each of so many windows of a long clip. With `--draw`, also how
+often in a second the picture is drawn anew while the brush draws over those points, and while what it drew is played.
+With `--long`, it is taken for each window of a made clip of so many frames, which is scrubbed, played and rendered
+(`page_long.py`).
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -40,9 +44,10 @@ FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-backgroun
 @click.argument("clip", type=click.Path(path_type=Path), required=False)
 @click.option("--windows", metavar="N", type=click.IntRange(min=1), default=1)
 @click.option("--clicks", metavar="N", type=click.IntRange(min=1), default=30)
+@click.option("--draw", is_flag=True)
 @click.option("--long", "length", metavar="FRAMES", type=click.IntRange(min=20))
 @click.option("--size", metavar="WxH", default="1920x1080", help="Of the long clip.")
-def main(model: Path, clip: Path | None, windows: int, clicks: int, length: int | None, size: str) -> None:
+def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool, length: int | None, size: str) -> None:
     """Measures the page with MODEL and CLIP."""
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -71,11 +76,15 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int, length: int 
             page_long.measure(page)
             return
         click.echo(f"a click: {click_times(page, clicks)}")
+        if draw:
+            click.echo(draw_rates(page))
         page.keyboard.press("2")
         click.echo(f"while layers are rendered: {click_times(page, clicks)}")
         with page.expect_download() as download:
             page.locator("[data-save='tracks.npz']").click()
-        tracks = Tracks.load(download.value.path())
+        saved = Path(folder) / "tracks.npz"
+        download.value.save_as(saved)
+        tracks = Tracks.load(saved)
         browser.close()
         server.shutdown()
         difference = np.abs(tracks.xy - Tracker(model).track(tracks.queries).xy).max()
@@ -109,6 +118,53 @@ def click_times(page: Page, clicks: int) -> str:
         expect(page.locator("[data-save='tracks.npz']")).to_be_enabled(timeout=PATIENCE)
         answered.append(float(page.locator("#status").get_attribute("data-milliseconds") or "nan"))
     return f"{summary(answered)}; with Playwright, until the point is listed: {summary(shown)}"
+
+
+COUNT = """() => {
+  const fill = CanvasRenderingContext2D.prototype.fillRect;
+  window.drawn = [];
+  CanvasRenderingContext2D.prototype.fillRect = function (...box) {
+    if (this.canvas.id === "stage" && this.fillStyle === "#000000") window.drawn.push(performance.now());
+    return fill.apply(this, box);
+  };
+}"""
+"""Each drawing of the stage begins with a black one."""
+
+
+def draw_rates(page: Page, seconds: float = 8) -> str:
+    """How often the stage is drawn in a second: under the brush, and while what it drew is played."""
+    page.evaluate(COUNT)
+    page.locator("#tools input[value=brush]").check(force=True)
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+
+    def rate(action: Callable[[float], object]) -> float:
+        page.evaluate("window.drawn.length = 0")
+        begin = time.perf_counter()
+        while (elapsed := time.perf_counter() - begin) < seconds:
+            action(elapsed)
+        return page.evaluate("window.drawn.length") / elapsed
+
+    def stroke(elapsed: float) -> None:
+        across, down = 0.5 + 0.3 * np.cos(2 * elapsed), 0.5 + 0.3 * np.sin(2 * elapsed)
+        page.mouse.move(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
+
+    stroke(0)
+    page.mouse.down()
+    drawing = rate(stroke)
+    page.mouse.up()
+    expect(page.locator("#drawings li")).to_have_count(1)
+    page.locator("#play").click()
+    first = rate(lambda _: page.wait_for_timeout(100))
+    page.wait_for_timeout(20_000)
+    later = rate(lambda _: page.wait_for_timeout(100))
+    page.locator("#play").click()
+    page.locator("#tools input[value=points]").check(force=True)
+    points = page.locator("#points li").count()
+    return (
+        f"over {points} points the picture is drawn {drawing:.1f} times a second under the brush; playing, "
+        f"{first:.1f} frames a second at first, {later:.1f} half a minute later"
+    )
 
 
 def summary(times: list[float]) -> str:

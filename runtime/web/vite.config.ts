@@ -42,6 +42,9 @@ const LIBRARIES = {
     source: "https://github.com/microsoft/onnxruntime; notices of what it is built from: ThirdPartyNotices.txt there",
   },
   fflate: { text: join(here, "node_modules", "fflate", "LICENSE"), source: "https://github.com/101arrowz/fflate" },
+  "fast-png": { text: join(here, "node_modules", "fast-png", "LICENSE"), source: "https://github.com/image-js/fast-png" },
+  iobuffer: { text: join(here, "node_modules", "iobuffer", "LICENSE"), source: "https://github.com/image-js/iobuffer" },
+  "perfect-freehand": { text: join(here, "node_modules", "perfect-freehand", "LICENSE"), source: "https://github.com/steveruizok/perfect-freehand" },
   papaparse: { text: join(here, "node_modules", "papaparse", "LICENSE"), source: "https://github.com/mholt/PapaParse" },
   mediabunny: { text: join(here, "node_modules", "mediabunny", "LICENSE"), source: "https://github.com/Vanilagy/mediabunny" },
 };

@@ -206,7 +206,7 @@ def test_areas_hold_a_grid(view: ViewPage, tmp_path: Path):
     places = view.tracks(tmp_path).queries[6:, 1:]
     assert len(places) > 2
     assert all(y > 36 - (x - 2) * 34 / 44 - 1 for x, y in places)  # below the diagonal
-    view.page.get_by_label("Box").check(force=True)
+    view.page.locator("#drag").get_by_label("Box").check(force=True)
     view.page.locator("#spacing").fill("-5")
     view.drag((0, 0), (40, 30))
     view.expect_alert("raise the spacing")

@@ -98,12 +98,15 @@ def test_frames_of_16_bits(bits: int, sentence: str | None, chromium: Browser, t
             expect(view.page.locator("input[value=clip]")).to_be_disabled()
 
 
-def test_a_video_has_the_times_of_the_clip(chromium: Browser, tmp_path: Path):
+def test_videos_have_the_times_of_the_clip(chromium: Browser, tmp_path: Path):
     times = [0, 0.1, 0.5, 0.55, 0.8]
     model = write_model(tmp_path, len(times), **{contract.META_TIMES: json.dumps(times)})
     write_frames(tmp_path / "clip", np.full(len(times), 90, np.uint8))
     with opened(chromium, tmp_path / "site", model, tmp_path / "clip") as view:
         view.click(20, 11)
-        with av.open(str(view.save("video", tmp_path))) as container:
-            saved = [frame.time for frame in container.decode(video=0)]
-    np.testing.assert_allclose(saved, times, atol=2e-3)
+        view.page.locator("#tools input[value=box]").check(force=True)
+        view.drag((8, 6), (30, 18))
+        for kind in ("video", "drawings"):
+            with av.open(str(view.save(kind, tmp_path))) as container:
+                saved = [frame.time for frame in container.decode(video=0)]
+            np.testing.assert_allclose(saved, times, atol=2e-3)

@@ -10,9 +10,11 @@ import { type Files, Model } from "./model/client";
 import { unit } from "./model/errors";
 import { InputError } from "./model/facts";
 import type { Tracked } from "./model/protocol";
+import { Sketch } from "./sketch";
 import { inPixels, leastSure, neighbour } from "./sureness";
 import { Answers, type Followed, splitTracks } from "./tracks";
 import { CorrectionRows } from "./ui/corrections";
+import { DrawingRows } from "./ui/drawings";
 import { PointRows } from "./ui/list";
 import { Player } from "./ui/player";
 import type { View } from "./ui/view";
@@ -39,6 +41,12 @@ export class App {
   /** The points of the document, with the tracks that the open model gives them. */
   followed: readonly Followed[] = [];
   readonly player: Player;
+  /** What is drawn over the picture. */
+  readonly sketch = new Sketch(
+    this.document,
+    (frame) => (frame === undefined ? this.show() : this.onPicture(frame)),
+    (error) => this.view.alert(error),
+  );
   selected: number | undefined;
   layer: Layer = "fused";
   split: Layer | undefined;
@@ -61,6 +69,7 @@ export class App {
   private heatMaps: HeatMaps | undefined;
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
+  private readonly drawingRows: DrawingRows;
   /** The last canvases that were painted with parts of rasters. */
   private readonly rasterCanvases = new Map<ImageData, OffscreenCanvas>();
   private redraw = 0;
@@ -76,6 +85,7 @@ export class App {
     const events = { onSelect: (id: number) => this.select(id), onSeek: (frame: number) => this.player.seek(frame) };
     this.rows = new PointRows(view.list, this.document, events);
     this.correctionRows = new CorrectionRows(view.corrections, this.document, events);
+    this.drawingRows = new DrawingRows(view.drawings, this.document, this.sketch, (frame) => this.player.seek(frame));
   }
 
   /**
@@ -160,6 +170,7 @@ export class App {
       (frame) => this.onPicture(frame),
       (error) => this.view.alert(error),
     );
+    this.sketch.use(model);
     this.heatMaps = new HeatMaps(
       model.facts,
       (queries, frames) => model.glance(queries, frames),
@@ -277,6 +288,11 @@ export class App {
     this.select(id);
   }
 
+  /** The picture stands still at frame t. */
+  pauseAt(t: number): void {
+    this.player.step(t - this.player.frame);
+  }
+
   /** Says that the selected point is hidden in the frame shown, or in sight where it is shown. */
   mark(hidden: boolean): void {
     const { frame } = this.player;
@@ -323,12 +339,16 @@ export class App {
   /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
   finishedScenes(): (frame: number) => Promise<Scene> {
     const { layer, split, clip, renderer } = this;
+    const drawings = this.sketch.finished();
     const now = { ...this.scene(0, () => undefined), selected: undefined };
-    const picture = async (of: Layer | undefined, frame: number): Promise<CanvasImageSource | undefined> => {
-      if (of === undefined) return undefined;
-      return of === "clip" ? clip?.wait(frame) : this.canvasOf(await renderer?.wait(frame), of);
+    const layers = this.layersShown;
+    return async (frame) => {
+      const painted = await drawings(frame);
+      const raster = layers.every((of) => of === "clip") ? undefined : await renderer?.wait(frame);
+      const own = layers.includes("clip") ? await clip?.wait(frame) : undefined; // last: it is closed when others need its room
+      const picture = (of: Layer): CanvasImageSource | undefined => (of === "clip" ? own : this.canvasOf(raster, of));
+      return { ...now, frame, left: picture(layer), right: split && picture(split), drawings: painted };
     };
-    return async (frame) => ({ ...now, frame, left: await picture(layer, frame), right: await picture(split, frame) });
   }
 
   available(layer: Layer): boolean {
@@ -357,7 +377,7 @@ export class App {
   jump(step: 1 | -1): void {
     const moment = neighbour(leastSure(this.followed), this.player.frame, this.selected, step);
     if (moment === undefined) return;
-    this.player.step(moment.frame - this.player.frame);
+    this.pauseAt(moment.frame);
     this.select(moment.id);
     this.view.status(`${this.pointOf(moment.id)?.name ?? ""} in frame ${moment.frame}: expected within ${inPixels(moment.error)} px.`);
   }
@@ -391,6 +411,7 @@ export class App {
       left: picture(this.layer),
       right: this.split && picture(this.split),
       split: this.splitAt,
+      drawings: this.sketch.shown(frame),
       ...this.pointsShown(),
       selected: this.selected,
       trail: this.trail,
@@ -447,7 +468,8 @@ export class App {
 
   /** True where playing need not wait for a frame; asks for its pictures. */
   private isReady(frame: number): boolean {
-    return this.layersShown.map((layer) => (layer === "clip" ? this.clip : this.renderer)?.get(frame)).every((picture) => picture !== undefined);
+    const pictures = this.layersShown.map((layer) => (layer === "clip" ? this.clip : this.renderer)?.get(frame));
+    return pictures.every((picture) => picture !== undefined) && this.sketch.isReady(frame);
   }
 
   private onPicture(frame: number): void {
@@ -484,6 +506,7 @@ export class App {
     if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
     this.followed = this.answers.follow(this.document.content);
     this.rows.update(this.followed, this.selected, this.errorUnit);
+    this.drawingRows.update();
     this.correctionRows.update();
     this.view.content(this, this.unfinished > 0);
     this.onContent();

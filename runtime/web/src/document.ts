@@ -1,5 +1,6 @@
 /** What the user did, and nothing else: one content with one history. What follows from it, tracks above all, is derived. */
 
+import type { Drawing } from "./drawings";
 import type { Place } from "./geometry";
 
 /** A query: the point seen at (x, y) of frame t. */
@@ -36,9 +37,11 @@ export interface Content {
   readonly points: readonly Point[];
   /** By points, in the order of the list, and frames. */
   readonly corrections: readonly Correction[];
+  /** The last lies on top. */
+  readonly drawings: readonly Drawing[];
 }
 
-const EMPTY: Content = { points: [], corrections: [] };
+const EMPTY: Content = { points: [], corrections: [], drawings: [] };
 
 /** The content, and the way back: each change is one step that can be undone. */
 export class Document {
@@ -46,6 +49,7 @@ export class Document {
   private readonly future: Content[] = [];
   private current = EMPTY;
   private lastId = 0;
+  private lastDrawing = 0;
 
   constructor(private readonly onChange: () => void = () => {}) {}
 
@@ -61,6 +65,10 @@ export class Document {
     return this.current.corrections;
   }
 
+  get drawings(): readonly Drawing[] {
+    return this.current.drawings;
+  }
+
   get canUndo(): boolean {
     return this.past.length > 0;
   }
@@ -72,6 +80,13 @@ export class Document {
   /** The points of now, and those that undo and redo can bring. */
   everyPoint(): readonly Point[] {
     return [...this.past, this.current, ...this.future].flatMap(({ points }) => points);
+  }
+
+  /** A new layer, which is not there before a change puts it there. */
+  newDrawing(kind: Drawing["kind"], on: Drawing["on"], given: Partial<Omit<Drawing, "id" | "kind" | "on">> = {}): Drawing {
+    const id = ++this.lastDrawing;
+    const label = kind === "mask" ? 1 + Math.max(0, ...this.drawings.map((each) => each.label)) : 0;
+    return { id, name: `${kind === "mask" ? "Mask" : "Layer"} ${id}`, kind, on, shown: true, colour: colourOf(id), label, marks: [], ...given };
   }
 
   /** Changes the content as one step; none where nothing changes. */
@@ -121,7 +136,7 @@ export class Document {
   reset(): void {
     this.past.length = this.future.length = 0;
     this.current = EMPTY;
-    this.lastId = 0;
+    this.lastId = this.lastDrawing = 0;
     this.onChange();
   }
 

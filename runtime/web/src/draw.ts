@@ -1,6 +1,7 @@
 /** Draws one frame: the picture, or two side by side, and the points on it. The page and the saved video share this. */
 
 import type { Place, Size } from "./geometry";
+import type { Painted } from "./painter";
 import { errorColour } from "./sureness";
 import { type Followed, type Track, isBent } from "./tracks";
 
@@ -12,6 +13,8 @@ export interface Scene {
   readonly right?: CanvasImageSource | undefined;
   /** Where the split is, as a fraction of the width. */
   readonly split: number;
+  /** What is drawn over the picture, the last on top. */
+  readonly drawings: readonly Painted[];
   readonly points: readonly Followed[];
   /** Tracks to compare with, drawn thin and below. */
   readonly ghosts: readonly Followed[];
@@ -44,6 +47,7 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
   if (scene.left) drawPicture(context, scene.left);
   if (scene.right) drawRight(context, scene.right, scene.split);
   if (scene.heat) drawHeat(context, scene.heat);
+  drawPainted(context, scene.drawings, scaleX, scaleY);
   const radius = markRadius(Math.max(width, height));
   for (const ghost of scene.ghosts) drawGhost(context, ghost, scene, on, radius);
   for (const point of scene.points) drawTrail(context, point, scene, on, radius);
@@ -56,6 +60,16 @@ export function drawScene(context: CanvasRenderingContext2D | OffscreenCanvasRen
 }
 
 type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
+
+/** Layers on a canvas with so many pixels for each of the image's. */
+export function drawPainted(context: Context, drawings: readonly Painted[], scaleX: number, scaleY: number): void {
+  for (const { canvas, left, top, scale, alpha } of drawings) {
+    context.globalAlpha = alpha;
+    const [across, down] = [scaleX / scale, scaleY / scale];
+    context.drawImage(canvas, left * across, top * down, canvas.width * across, canvas.height * down);
+  }
+  context.globalAlpha = 1;
+}
 
 /** Grey chequers, and the picture on them: they show where it is transparent. */
 function drawPicture(context: Context, picture: CanvasImageSource): void {

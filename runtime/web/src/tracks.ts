@@ -40,7 +40,7 @@ export class Answers {
   }
 
   /** The answered points of `content`; an object is the same as before where nothing has changed for it. */
-  follow({ points, corrections }: Content): readonly Followed[] {
+  follow({ points, corrections }: Pick<Content, "points" | "corrections">): readonly Followed[] {
     const given = new Map<number, Correction[]>();
     for (const each of corrections) given.set(each.point, [...(given.get(each.point) ?? []), each]);
     const all = points.flatMap((point) => {

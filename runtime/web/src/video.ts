@@ -1,10 +1,9 @@
-/** Saves the clip with the points on it as a video, frame by frame, with the browser's own encoder. */
+/** Saves frames as a video, one by one, with the browser's own encoder. */
 
 import { BufferTarget, CanvasSource, Mp4OutputFormat, Output, QUALITY_HIGH, WebMOutputFormat, getFirstEncodableVideoCodec } from "mediabunny";
-import { type Scene, drawScene } from "./draw";
 import type { Size } from "./geometry";
 import { InputError, type ModelFacts } from "./model/facts";
-import { duration, isEven } from "./times";
+import { type Times, duration, isEven } from "./times";
 
 const LONG_SIDE = 720;
 
@@ -14,32 +13,42 @@ export function videoSize({ width, height }: Size): Size {
   return { width: 2 * Math.ceil((width * factor) / 2), height: 2 * Math.ceil((height * factor) / 2) };
 }
 
-/** Encodes the scenes of all frames; mp4 where the browser can, else webm. */
-export async function saveVideo(
-  facts: ModelFacts,
-  sceneOf: (frame: number) => Promise<Scene>,
-  onProgress: (frame: number) => void,
-): Promise<{ content: ArrayBuffer; suffix: "mp4" | "webm"; type: string }> {
+/** What the file is told of the rate: nothing where it varies, since times would be moved to it. */
+export const rateOf = (times: Times): { frameRate?: number } => (isEven(times) ? { frameRate: times.fps } : {});
+
+export interface Saved {
+  readonly content: ArrayBuffer;
+  readonly suffix: "mp4" | "webm";
+  readonly type: string;
+}
+
+/** Draws one frame. */
+export type Draw = (context: OffscreenCanvasRenderingContext2D, frame: number) => Promise<void>;
+
+const FORMATS = [
+  ["mp4", () => new Mp4OutputFormat({ fastStart: "in-memory" }), ["avc"]],
+  ["webm", () => new WebMOutputFormat(), ["vp9", "vp8"]],
+] as const;
+
+/** Encodes what is drawn of all frames; mp4 where the browser can, else webm. */
+export async function encodeVideo(facts: ModelFacts, draw: Draw, onProgress: (frame: number) => void): Promise<Saved> {
   if (!("VideoEncoder" in window)) {
     throw new InputError("This browser cannot encode video (it has no WebCodecs); use 'decomo-track --overlay' instead.");
   }
   const size = videoSize(facts);
-  for (const [suffix, format, codecs] of [
-    ["mp4", new Mp4OutputFormat({ fastStart: "in-memory" }), ["avc"]],
-    ["webm", new WebMOutputFormat(), ["vp9", "vp8"]],
-  ] as const) {
+  for (const [suffix, format, codecs] of FORMATS) {
     const codec = await getFirstEncodableVideoCodec([...codecs], size);
     if (codec === null) continue;
     const canvas = new OffscreenCanvas(size.width, size.height);
     const context = canvas.getContext("2d");
     if (context === null) break;
     const target = new BufferTarget();
-    const output = new Output({ format, target });
+    const output = new Output({ format: format(), target });
     const source = new CanvasSource(canvas, { codec, bitrate: QUALITY_HIGH });
-    output.addVideoTrack(source, isEven(facts) ? { frameRate: facts.fps } : {}); // to which times would be moved
+    output.addVideoTrack(source, rateOf(facts));
     await output.start();
     for (let frame = 0; frame < facts.numFrames; frame++) {
-      drawScene(context, await sceneOf(frame));
+      await draw(context, frame);
       await source.add(facts.times[frame] ?? 0, duration(facts, frame));
       onProgress(frame);
     }

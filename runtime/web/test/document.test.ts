@@ -32,7 +32,7 @@ describe("the document", () => {
     document.change(withoutPoints);
     expect(document.canRedo).toBe(false);
     for (let step = 0; step < 9; step++) document.undo();
-    expect(document.content).toEqual({ points: [], corrections: [] });
+    expect(document.content).toEqual({ points: [], corrections: [], drawings: [] });
     expect(document.canUndo).toBe(false);
   });
 

@@ -63,7 +63,7 @@ describe("answers", () => {
     const answers = new Answers();
     const elsewhere = { ...ANSWER };
     answers.set([QUERY, { ...QUERY, x: 11 }], [ANSWER, elsewhere]);
-    const content = (x: number): Content => ({ points: [{ ...point, x }], corrections: [] });
+    const content = (x: number): Pick<Content, "points" | "corrections"> => ({ points: [{ ...point, x }], corrections: [] });
     expect(answers.follow(content(10))[0]?.answer).toBe(ANSWER);
     expect(answers.follow(content(11))[0]?.answer).toBe(elsewhere);
     expect(answers.follow(content(10))[0]?.answer).toBe(ANSWER);

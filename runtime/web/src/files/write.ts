@@ -3,8 +3,10 @@
 import { zipSync } from "fflate";
 import Papa from "papaparse";
 import type { Content, Point } from "../document";
+import type { Drawing } from "../drawings";
 import type { ModelFacts } from "../model/facts";
 import type { Followed } from "../tracks";
+import { drawingsRecord } from "./drawings";
 import { writeNpy } from "./npy";
 
 export const JSON_FORMAT = "decomotion.points";
@@ -49,7 +51,7 @@ export function tracksNpz(points: readonly Followed[], { numFrames, width, heigh
 export const CORRECTION_FIELDS = ["t", "x", "y", "target_t", "target_x", "target_y"] as const;
 
 /** A line for each correction, as `decomo-train --corrections` takes it: the last two are empty where it is hidden. */
-export function correctionsCsv({ points, corrections }: Content): string {
+export function correctionsCsv({ points, corrections }: Pick<Content, "points" | "corrections">): string {
   const queries = new Map(points.map((point) => [point.id, point]));
   const lines = corrections.flatMap(({ point, t, place }) => {
     const query = queries.get(point);
@@ -58,8 +60,8 @@ export function correctionsCsv({ points, corrections }: Content): string {
   return `${[CORRECTION_FIELDS.join(","), ...lines].join("\n")}\n`;
 }
 
-/** The project: the points, what is given of them, and their tracks, which `decomo-convert` reads. */
-export function projectJson(points: readonly Followed[], facts: ModelFacts): string {
+/** The project: the points, what is given of them, their tracks, which `decomo-convert` reads, and what is drawn. */
+export function projectJson(points: readonly Followed[], facts: ModelFacts, drawings: readonly Drawing[] = []): string {
   const { clipName, numFrames, width, height, fps } = facts;
   const content = {
     format: JSON_FORMAT,
@@ -73,6 +75,7 @@ export function projectJson(points: readonly Followed[], facts: ModelFacts): str
       error: Array.from(track.error, rounded),
       ...(given.length > 0 ? { corrections: given.map(({ t, place }) => (place ? { t, ...place } : { t, hidden: true })) } : {}),
     })),
+    ...(drawings.length > 0 ? { drawings: drawingsRecord(drawings) } : {}),
   };
   return `${JSON.stringify(content)}\n`;
 }

@@ -114,6 +114,28 @@ export class Model {
   }
 
   /**
+   * Where `queries` [N, 3], all of one frame, are in the frames `targets` [M] of the clip; in another window than the
+   * queries' own as `track` follows them there, which takes long.
+   */
+  async carry(queries: Float32Array, targets: readonly number[]): Promise<Tracked> {
+    const frame = queries[0] ?? 0;
+    const holds = ({ begin, end }: Window): boolean => [frame, ...targets].every((each) => begin <= each && each < end);
+    const own = home(this.windows, frame);
+    const number = this.windows.map((_, index) => index).sort((a, b) => Math.abs(a - own) - Math.abs(b - own)).find((each) => this.windows.slice(each, each + 1).some(holds));
+    if (number !== undefined) {
+      const begin = this.windows[number]?.begin ?? 0;
+      return this.ask(number, counted(queries, begin), targets.map((target) => target - begin));
+    }
+    const { tracks, occlusion } = await this.track(queries);
+    const rows = Array.from({ length: queries.length / 3 }, (_, row) => row);
+    const at = rows.flatMap((row) => targets.map((target) => row * this.facts.numFrames + target));
+    return {
+      tracks: Float32Array.from(at.flatMap((index) => [tracks[2 * index] ?? 0, tracks[2 * index + 1] ?? 0])),
+      occlusion: Float32Array.from(at, (index) => occlusion[index] ?? 1),
+    };
+  }
+
+  /**
    * What the model sees along the rays of `queries` [N, 3], all of one frame; by WebAssembly again once WebGPU fails, as
    * after a sleep.
    */

@@ -1,11 +1,14 @@
 /** Files in and out: opened by the button or dropped on the page, saved by the buttons. */
 
 import type { App } from "../app";
+import { drawingsZip, masksZip, over, readDrawings } from "../files/drawings";
 import { readPoints } from "../files/read";
 import { correctionsCsv, pointsCsv, projectJson, tracksCsv, tracksNpz } from "../files/write";
+import { drawScene } from "../draw";
 import type { Files } from "../model/client";
 import { InputError } from "../model/facts";
 import { WINDOWS_FILE } from "../model/windows";
+import type { Draw, encodeVideo } from "../video";
 import { download, element } from "./dom";
 import type { View } from "./view";
 
@@ -84,7 +87,11 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     }
     const facts = app.model?.facts;
     if (facts === undefined) throw new InputError(`Open a model before ${file.name}.`);
-    await app.addPoints(readPoints(file.name, new Uint8Array(await file.arrayBuffer()), facts));
+    const bytes = new Uint8Array(await file.arrayBuffer());
+    const points = readPoints(file.name, bytes, facts);
+    const drawings = /\.json$/i.test(file.name) ? readDrawings(file.name, bytes, facts) : [];
+    await app.addPoints(points);
+    app.sketch.open(drawings);
   }
 }
 
@@ -105,27 +112,49 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
   const facts = app.model?.facts;
   if (facts === undefined) return;
   const points = app.followed;
+  const { drawings } = app.document;
   const kind = button.dataset.save ?? "";
   const name = `${facts.clipName}-${kind}`;
   if (kind === "points.csv") download(name, pointsCsv(points), "text/csv");
   else if (kind === "tracks.csv") download(name, tracksCsv(points, facts), "text/csv");
   else if (kind === "tracks.npz") download(name, tracksNpz(points, facts) as Uint8Array<ArrayBuffer>, "application/zip");
   else if (kind === "corrections.csv") download(name, correctionsCsv(app.document.content), "text/csv");
-  else if (kind === "project.json") download(name, projectJson(points, facts), "application/json");
-  else await saveClip();
-
-  async function saveClip(): Promise<void> {
-    if (facts === undefined) return;
+  else if (kind === "project.json") download(name, projectJson(points, facts, drawings), "application/json");
+  else if (kind === "masks.zip") download(name, masksZip(drawings, app.sketch, facts) as Uint8Array<ArrayBuffer>, "application/zip");
+  else if (kind === "drawings.zip") {
+    await busy(async () => {
+      const zip = await drawingsZip(drawings, app.sketch, facts, (frame) => view.status(`Drawing frame ${frame + 1} of ${facts.numFrames} …`));
+      download(name, zip as Uint8Array<ArrayBuffer>, "application/zip");
+      view.status(`Saved ${name}.`);
+    });
+  } else if (kind === "drawings") {
+    const finished = app.sketch.finished(drawings.filter((each) => each.kind === "paint"));
+    await busy(async () =>
+      saveVideo(kind, (await import("../alpha_video")).encodeAlphaVideo, async (context, frame) => {
+        context.drawImage(over(facts, await finished(frame)), 0, 0, context.canvas.width, context.canvas.height);
+      }),
+    );
+  } else {
     const scenes = app.finishedScenes();
+    await busy(async () => saveVideo("points", (await import("../video")).encodeVideo, async (context, frame) => drawScene(context, await scenes(frame))));
+  }
+
+  /** The button waits until it is done. */
+  async function busy(work: () => Promise<void>): Promise<void> {
     button.disabled = true;
     try {
-      const { saveVideo } = await import("../video"); // large, and seldom wanted
-      const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
-      const video = await saveVideo(facts, scenes, onProgress);
-      download(`${facts.clipName}-points.${video.suffix}`, video.content, video.type);
-      view.status(`Saved ${facts.clipName}-points.${video.suffix}.`);
+      await work();
     } finally {
       button.disabled = false;
     }
+  }
+
+  /** The encoders come from modules that are large, and seldom wanted. */
+  async function saveVideo(what: string, encode: typeof encodeVideo, draw: Draw): Promise<void> {
+    if (facts === undefined) return;
+    const onProgress = (frame: number): void => view.status(`Encoding frame ${frame + 1} of ${facts.numFrames} …`);
+    const video = await encode(facts, draw, onProgress);
+    download(`${facts.clipName}-${what}.${video.suffix}`, video.content, video.type);
+    view.status(`Saved ${facts.clipName}-${what}.${video.suffix}.`);
   }
 }

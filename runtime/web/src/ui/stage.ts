@@ -2,10 +2,13 @@
 
 import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
+import type { Pen } from "./pen";
 
 /** Pixels of the screen by which a press becomes a drag: of an area, and of a point. */
 const DRAG_PIXELS = { area: 6, point: 2 };
 const SELECT_PIXELS = 9;
+/** How hard a mouse presses, and the keys. */
+const PRESSURE = 0.5;
 
 export interface StageEvents {
   /** A place on the image of frame t; `id` is the point's that lies there. */
@@ -16,6 +19,8 @@ export interface StageEvents {
   onHold(id: number, placing: boolean): void;
   /** It belongs to `place` in frame t. */
   onCorrect(id: number, place: Place, t: number): void;
+  /** The pen is put down. */
+  onPress(place: Place, pressure: number, t: number): void;
 }
 
 export class Stage {
@@ -36,6 +41,7 @@ export class Stage {
     private readonly canvas: HTMLCanvasElement,
     private readonly frame: HTMLElement,
     private readonly events: StageEvents,
+    private readonly pen: Pen,
   ) {
     new ResizeObserver(() => this.fit()).observe(canvas);
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
@@ -45,6 +51,7 @@ export class Stage {
     canvas.addEventListener("keydown", (event) => this.onKey(event));
     canvas.addEventListener("focus", () => this.showCross(canvas.matches(":focus-visible")));
     canvas.addEventListener("blur", () => this.showCross(false));
+    canvas.addEventListener("dblclick", () => this.pen.finish());
   }
 
   /** Takes the shape of another clip's images, and forgets what it showed. */
@@ -52,6 +59,7 @@ export class Stage {
     this.image = { width, height };
     this.frame.style.aspectRatio = `${width} / ${height}`;
     this.frame.style.maxWidth = `max(16rem, calc((100vh - 15rem) * ${width / height}))`;
+    this.pen.longer = Math.max(width, height);
     this.cross = undefined;
     this.scene = undefined;
     this.abandon();
@@ -154,6 +162,11 @@ export class Stage {
   private onDown(event: PointerEvent): void {
     if (event.button !== 0) return;
     this.canvas.setPointerCapture(event.pointerId);
+    if (this.pen.isOut) {
+      this.showCross(false);
+      if (this.scene) this.events.onPress(this.placeOf(event), event.pressure || PRESSURE, this.scene.frame);
+      return;
+    }
     this.path = [this.placeOf(event)];
     this.seen = this.scene;
     this.showCross(false);
@@ -164,6 +177,12 @@ export class Stage {
   }
 
   private onMove(event: PointerEvent): void {
+    if (this.pen.isOut) {
+      this.canvas.style.cursor = "";
+      const all = event.getCoalescedEvents?.() ?? [];
+      for (const each of all.length > 0 ? all : [event]) this.pen.go(this.placeOf(each), each.pressure || PRESSURE);
+      return;
+    }
     if (this.path.length === 0) {
       const over = !event.shiftKey && this.scene !== undefined && this.pointAt(this.placeOf(event), this.scene) !== undefined;
       this.canvas.style.cursor = over ? "grab" : "";
@@ -174,6 +193,10 @@ export class Stage {
   }
 
   private onUp(event: PointerEvent): void {
+    if (this.pen.isOut) {
+      this.pen.lift(this.placeOf(event), SELECT_PIXELS / this.zoom());
+      return;
+    }
     const [first, last, area, seen, held] = [this.path[0], this.placeOf(event), this.outline(), this.seen, this.held];
     const puts = this.placing || this.isDrag();
     this.abandon();
@@ -192,7 +215,12 @@ export class Stage {
     [this.held, this.placing] = [undefined, false];
   }
 
+  private zoom(): number {
+    return this.canvas.clientWidth / this.image.width;
+  }
+
   private abandon(): void {
+    this.pen.cancel();
     this.path = [];
     this.corner = undefined;
     this.letGo();
@@ -220,6 +248,18 @@ export class Stage {
     this.draw();
   }
 
+  /** Enter puts the pen down and lifts it; of what takes one press, it does both. */
+  private penKey(key: string, cross: Place, frame: number): boolean {
+    if (key === "Escape") this.pen.cancel();
+    else if (key !== "Enter") return false;
+    else if (this.pen.isDown) this.pen.lift(cross, 0);
+    else {
+      this.events.onPress(cross, PRESSURE, frame);
+      if (this.pen.isOfClicks) this.pen.lift(cross, 0);
+    }
+    return true;
+  }
+
   private onKey(event: KeyboardEvent): void {
     const step = event.shiftKey ? 10 : 1;
     const moves: Record<string, readonly [number, number]> = {
@@ -234,6 +274,9 @@ export class Stage {
     if (this.cross === undefined || this.scene === undefined) return;
     if (move !== undefined) {
       this.cross = clampPlace({ x: this.cross.x + move[0], y: this.cross.y + move[1] }, this.image, 0);
+      this.pen.go(this.cross, PRESSURE);
+    } else if (this.pen.isOut) {
+      if (!this.penKey(event.key, this.cross, this.scene.frame)) return;
     } else if (event.key === "Enter") {
       if (this.held !== undefined) this.events.onCorrect(this.held, this.cross, this.scene.frame);
       else if (this.corner) this.events.onArea(box(this.corner, this.cross), this.scene.frame);

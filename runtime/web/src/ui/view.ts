@@ -9,7 +9,9 @@ import { InputError } from "../model/facts";
 import { summary, warning } from "../model/quality";
 import { element, make } from "./dom";
 import { ErrorPanel } from "./errors";
+import { Pen } from "./pen";
 import { Stage } from "./stage";
+import { Tools } from "./tools";
 
 const NO_SPLIT = "nothing";
 const PLACING = "Click where the point belongs in this frame, or move the cross there and press Enter; Escape gives up.";
@@ -17,7 +19,17 @@ const PLACING = "Click where the point belongs in this frame, or move the cross 
 export class View {
   readonly list = element("points", HTMLOListElement);
   readonly corrections = element("corrections", HTMLOListElement);
+  readonly drawings = element("drawings", HTMLOListElement);
+  readonly pen = new Pen({
+    onBegin: (tool, t) => {
+      this.app?.pauseAt(t); // it may stand in for another
+      this.app?.sketch.begin(tool, t);
+    },
+    onDraft: (mark) => this.app?.sketch.sketch(mark),
+    onMark: (mark) => this.app?.sketch.mark(mark),
+  });
   readonly stage: Stage;
+  private readonly tools = new Tools(this.pen, this);
   private app: App | undefined;
   private readonly errors = new ErrorPanel();
   private readonly scrub = element("scrub", HTMLInputElement);
@@ -36,7 +48,14 @@ export class View {
         if (placing) this.status(PLACING);
       },
       onCorrect: (id, place, t) => this.attempt(this.app?.correct(id, place, t)),
-    });
+      onPress: (place, pressure, t) => {
+        try {
+          this.pen.press(place, pressure, t);
+        } catch (error) {
+          this.alert(error);
+        }
+      },
+    }, this.pen);
     for (const layer of LAYERS) {
       const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
       this.layerButtons.set(layer, button);
@@ -49,6 +68,7 @@ export class View {
   /** Wires the controls to what they control. */
   connect(app: App): void {
     this.app = app;
+    this.tools.connect(app);
     for (const [layer, button] of this.layerButtons) button.addEventListener("change", () => app.showLayer(layer));
     this.splitSelect.addEventListener("change", () => {
       app.split = LAYERS.find((layer) => layer === this.splitSelect.value);
@@ -77,7 +97,10 @@ export class View {
     onClick("undo", () => app.document.undo());
     onClick("redo", () => app.document.redo());
     onClick("clear", () => app.document.change(withoutPoints));
-    onClick("place", () => this.stage.place());
+    onClick("place", () => {
+      this.tools.choose("points");
+      this.stage.place();
+    });
     onClick("mark-hidden", () => app.mark(true));
     onClick("mark-seen", () => app.mark(false));
     onClick("clear-corrections", () => app.document.change(withoutCorrections));
@@ -115,6 +138,7 @@ export class View {
     const { numFrames, width, height } = model.facts;
     this.facts(model, hasClip);
     this.stage.setImage(model.facts);
+    this.tools.setImage(model.facts);
     this.scrub.max = String(numFrames - 1);
     this.trails.max = String(numFrames - 1);
     if (this.app === undefined) return;
@@ -153,7 +177,7 @@ export class View {
 
   /** `unfinished`: some are still being followed, and none can be saved. */
   content(app: App, unfinished = false): void {
-    const { document: { points, corrections, canUndo, canRedo }, selected } = app;
+    const { document: { points, corrections, drawings, canUndo, canRedo }, selected } = app;
     this.errors.update(app);
     const count = points.length;
     element("count", HTMLSpanElement).textContent = String(count);
@@ -161,7 +185,9 @@ export class View {
     element("undo", HTMLButtonElement).disabled = !canUndo;
     element("redo", HTMLButtonElement).disabled = !canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
-    element("save", HTMLFieldSetElement).disabled = count === 0 || unfinished;
+    this.tools.content(drawings);
+    element("save", HTMLFieldSetElement).disabled = (count === 0 && drawings.length === 0) || unfinished;
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=points]")) button.disabled = count === 0;
     element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
     element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
     for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;

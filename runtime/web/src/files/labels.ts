@@ -1,0 +1,41 @@
+/** Label images, in and out: the value of a pixel is its object's number, 0 is none, as `decomo-propagate` has them. */
+
+import { type DecodedPng, decode, encode } from "fast-png";
+import type { Size } from "../geometry";
+import { MOST_LABEL } from "../drawings";
+import { InputError } from "../model/facts";
+
+/** The labels of a PNG of grey values, or with a palette, [height * width]; `InputError` where it is none of this size. */
+export function readLabels(name: string, bytes: Uint8Array, { width, height }: Size): Uint8Array | Uint16Array {
+  let png: DecodedPng;
+  try {
+    png = decode(bytes);
+  } catch {
+    throw new InputError(`${name} does not decode as a PNG; give a label image, whose values are numbers of objects.`);
+  }
+  if (png.channels !== 1) {
+    throw new InputError(`${name} has colours; give a label image: grey values or a palette, whose values are numbers of objects.`);
+  }
+  if (png.width !== width || png.height !== height) {
+    throw new InputError(`${name} is ${png.width}x${png.height} but the clip is ${width}x${height}; give one that was drawn on this clip.`);
+  }
+  const labels = unpacked(png);
+  if (labels.every((label) => label === 0)) throw new InputError(`${name} is black: no pixel of it is an object's.`);
+  if (labels.some((label) => label > MOST_LABEL)) throw new InputError(`${name} has an object above ${MOST_LABEL}; number them from 1 on.`);
+  return labels;
+}
+
+/** Grey, 8 bits. */
+export const labelPng = ({ width, height }: Size, labels: Uint8Array): Uint8Array => encode({ width, height, data: labels, channels: 1, depth: 8 });
+
+/** One value for each pixel, of which the file has some in one byte. */
+function unpacked({ data, depth, width, height }: DecodedPng): Uint8Array | Uint16Array {
+  if (data instanceof Uint16Array) return data;
+  if (depth >= 8) return Uint8Array.from(data);
+  const [perByte, stride] = [8 / depth, Math.ceil((width * depth) / 8)];
+  return Uint8Array.from({ length: width * height }, (_, index) => {
+    const [row, column] = [Math.floor(index / width), index % width];
+    const byte = data[row * stride + Math.floor(column / perByte)] ?? 0;
+    return (byte >> (8 - depth * (1 + (column % perByte)))) & (2 ** depth - 1);
+  });
+}

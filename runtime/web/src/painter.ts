@@ -1,0 +1,172 @@
+/** What of the drawings is to be seen in a frame. */
+
+import type { Carrier, Wanted } from "./carrier";
+import { type Drawing, type Mark, drawnFrames } from "./drawings";
+import type { Size } from "./geometry";
+import { areDecoded, blank, drawMarks } from "./marks";
+import { type CarryMap, type Cel, type Shares, type Warped, boundsOf, warp } from "./warp";
+
+/** A layer in one frame: `scale` pixels of its canvas for each of the clip's, from (left, top) of that canvas's on. */
+export interface Painted {
+  readonly canvas: OffscreenCanvas;
+  readonly left: number;
+  readonly top: number;
+  readonly scale: number;
+  readonly alpha: number;
+}
+
+/** What is being drawn, and not yet in the document. */
+export interface Draft {
+  readonly drawing: Drawing;
+  /** After those that the layer has. */
+  readonly marks: readonly Mark[];
+}
+
+const MASK_ALPHA = 0.55;
+
+/** What the marks of a layer make of one frame that was drawn on. */
+interface Sheet {
+  readonly canvas: OffscreenCanvas;
+  /** Read when first moved. */
+  cel: Cel | undefined;
+}
+
+/** How a layer looked in the frame in which it was last asked for, and from what that follows. */
+interface Kept {
+  readonly frame: number;
+  readonly maps: readonly (CarryMap | undefined)[];
+  readonly shares: Shares | undefined;
+  readonly painted: Painted | undefined;
+}
+
+export class Painter {
+  private readonly sheets = new WeakMap<readonly Mark[], Map<string, Sheet>>();
+  private readonly kept = new WeakMap<Drawing, Kept>();
+
+  constructor(
+    private readonly image: Size,
+    private readonly scale: number,
+    private readonly carrier: Carrier,
+    private readonly onDecoded: () => void,
+  ) {}
+
+  /** The layers that are shown, as they are in `frame`, as far as the model has answered; the last on top. */
+  painted(frame: number, drawings: readonly Drawing[], draft?: Draft): Painted[] {
+    return withDraft(drawings, draft)
+      .filter(({ shown }) => shown)
+      .flatMap((drawing) => this.layer(frame, drawing, draft) ?? []);
+  }
+
+  /** What the model must be asked for. */
+  static wanted(drawings: readonly Drawing[]): Wanted {
+    const shown = drawings.filter(({ shown, marks }) => shown && marks.length > 0);
+    const anchors = [...new Set(shown.flatMap(drawnFrames))].sort((a, b) => a - b);
+    return { anchors, owners: shown.some(({ on, kind }) => kind === "paint" && on !== "seen") };
+  }
+
+  /** Whether something can be shown of each layer in `frame`. */
+  isReady(frame: number, drawings: readonly Drawing[]): boolean {
+    return Painter.wanted(drawings).anchors.every((anchor) => this.carrier.map(frame, anchor) !== undefined);
+  }
+
+  /** What was drawn over frame t, with `scale` pixels for each of the clip's. */
+  sheet(marks: readonly Mark[], t: number, scale = this.scale): OffscreenCanvas {
+    return this.sheetOf(marks, t, scale).canvas;
+  }
+
+  /** A mask in `frame`, with one pixel for each of the clip's: 255 where it is. */
+  carriedMask(frame: number, { marks }: Drawing): Uint8Array {
+    const { width, height } = this.image;
+    const alpha = new Uint8Array(width * height);
+    const { pixels, left, top } = this.warped(frame, marks, 1) ?? { pixels: undefined, left: 0, top: 0 };
+    for (let row = 0; pixels && row < pixels.height; row++) {
+      for (let column = 0; column < pixels.width; column++) {
+        if ((pixels.data[4 * (row * pixels.width + column) + 3] ?? 0) > 127) alpha[(top + row) * width + left + column] = 255;
+      }
+    }
+    return alpha;
+  }
+
+  private layer(frame: number, drawing: Drawing, draft: Draft | undefined): Painted | undefined {
+    const own = draft?.drawing.id === drawing.id && draft.marks.some(({ t }) => t === frame) ? draft.marks : undefined;
+    const { marks, kind } = drawing;
+    const shares = kind === "paint" && drawing.on !== "seen" ? this.carrier.shares(frame) : undefined;
+    const maps = drawnFrames(drawing).map((t) => this.carrier.map(frame, t));
+    const kept = this.kept.get(drawing);
+    if (own === undefined && kept?.frame === frame && kept.shares === shares && maps.every((map, index) => map === kept.maps[index])) return kept.painted;
+    const alpha = kind === "mask" ? MASK_ALPHA : 1;
+    const atOwn = marks.some(({ t }) => t === frame);
+    let painted: Painted | undefined;
+    if (own !== undefined || (atOwn && shares === undefined)) {
+      const sheet = this.sheet(marks, frame);
+      const canvas = own === undefined && kind === "paint" ? sheet : this.drawnOn(sheet, own ?? [], kind === "mask" ? drawing.colour : undefined);
+      painted = { canvas, left: 0, top: 0, scale: this.scale, alpha };
+    } else {
+      const warped = this.warped(frame, marks, this.scale, shares && { shares, moving: drawing.on === "dynamic" });
+      painted = warped && { ...this.onCanvas(warped, kind === "mask" ? drawing.colour : undefined), scale: this.scale, alpha };
+    }
+    const finished = own === undefined && areDecoded(marks, this.onDecoded);
+    if (finished) this.kept.set(drawing, { frame, maps, shares, painted });
+    return painted;
+  }
+
+  /** A copy of a sheet with more marks, all in one colour where one is given. */
+  private drawnOn(sheet: OffscreenCanvas, more: readonly Mark[], colour: string | undefined): OffscreenCanvas {
+    const { canvas, context } = blank(this.image, this.scale);
+    context.drawImage(sheet, 0, 0);
+    drawMarks(context, more, this.scale);
+    if (colour !== undefined) tint(context, colour);
+    return canvas;
+  }
+
+  private onCanvas({ pixels, left, top }: Warped, colour: string | undefined): Pick<Painted, "canvas" | "left" | "top"> {
+    const { canvas, context } = blank(pixels, 1);
+    context.putImageData(pixels, 0, 0);
+    if (colour !== undefined) tint(context, colour);
+    return { canvas, left, top };
+  }
+
+  /** The marks of all frames that were drawn on, the nearest in time first. */
+  private warped(frame: number, marks: readonly Mark[], scale: number, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
+    const frames = [...new Set(marks.map(({ t }) => t))].sort((a, b) => Math.abs(a - frame) - Math.abs(b - frame));
+    const sources = frames.flatMap((t) => {
+      const map = this.carrier.map(frame, t);
+      return map === undefined ? [] : [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
+    });
+    return warp(sources, this.image, owned);
+  }
+
+  private celOf(sheet: Sheet, scale: number): Cel {
+    if (sheet.cel !== undefined) return sheet.cel;
+    const { canvas } = sheet;
+    const pixels = canvas.getContext("2d")?.getImageData(0, 0, canvas.width, canvas.height) ?? new ImageData(1, 1);
+    sheet.cel = { pixels, scale, bounds: boundsOf(pixels) };
+    return sheet.cel;
+  }
+
+  private sheetOf(marks: readonly Mark[], t: number, scale: number): Sheet {
+    const ofMarks = this.sheets.get(marks) ?? new Map<string, Sheet>();
+    const key = `${t} ${scale}`;
+    const had = ofMarks.get(key);
+    if (had !== undefined) return had;
+    const { canvas, context } = blank(this.image, scale);
+    const own = marks.filter((mark) => mark.t === t);
+    drawMarks(context, own, scale);
+    const sheet = { canvas, cel: undefined };
+    if (!areDecoded(own, this.onDecoded)) return sheet;
+    ofMarks.set(key, sheet);
+    this.sheets.set(marks, ofMarks);
+    return sheet;
+  }
+}
+
+/** Gives all that is there one colour. */
+function tint(context: OffscreenCanvasRenderingContext2D, colour: string): void {
+  context.globalCompositeOperation = "source-in";
+  context.fillStyle = colour;
+  context.fillRect(0, 0, context.canvas.width, context.canvas.height);
+  context.globalCompositeOperation = "source-over";
+}
+
+const withDraft = (drawings: readonly Drawing[], draft: Draft | undefined): readonly Drawing[] =>
+  draft === undefined || drawings.some(({ id }) => id === draft.drawing.id) ? drawings : [...drawings, draft.drawing];

@@ -1,0 +1,122 @@
+/** The controls of drawing: the tool, its colour and size, and new layers. */
+
+import type { App } from "../app";
+import { type Drawing, OWNERS } from "../drawings";
+import { readLabels } from "../files/labels";
+import type { Size } from "../geometry";
+import { InputError } from "../model/facts";
+import { base64, decode } from "../marks";
+import { element, make } from "./dom";
+import { type Pen, TOOLS, type Tool } from "./pen";
+
+/** Of a picture's file: it goes into the project. */
+const MOST_BYTES = 16 * 2 ** 20;
+
+const HINTS: Readonly<Record<Tool, string>> = {
+  points: "Click a pixel to follow it; drag an area for many points; drag a point to where it belongs.",
+  brush: "Drag to draw: it moves with what it is drawn on, in all frames.",
+  eraser: "Drag to erase of the layer that is selected in the list.",
+  polygon: "Drag an outline, or click corners, the last one twice.",
+  box: "Drag a box: it is filled.",
+  text: "Write the text above, then click where its middle belongs.",
+  picture: "Choose a picture, then click, or drag to say how large.",
+};
+
+/** Shows what goes wrong. */
+interface Alerts {
+  attempt(work: Promise<unknown> | undefined): void;
+}
+
+export class Tools {
+  private readonly colour = element("draw-colour", HTMLInputElement);
+  private readonly size = element("draw-size", HTMLInputElement);
+  private readonly text = element("draw-text", HTMLInputElement);
+  private readonly on = element("draw-on", HTMLSelectElement);
+  private readonly picture = element("picture-file", HTMLInputElement);
+  private readonly mask = element("mask-file", HTMLInputElement);
+  private readonly radios = new Map<Tool, HTMLInputElement>();
+
+  constructor(
+    private readonly pen: Pen,
+    private readonly alerts: Alerts,
+  ) {
+    for (const tool of TOOLS) {
+      const radio = make("input", { type: "radio", name: "tool", value: tool, checked: tool === pen.tool });
+      radio.addEventListener("change", () => this.choose(tool));
+      this.radios.set(tool, radio);
+      element("tools", HTMLFieldSetElement).append(make("label", {}, radio, make("span", {}, `${tool[0]?.toUpperCase()}${tool.slice(1)}`)));
+    }
+    this.colour.addEventListener("input", () => (pen.colour = this.colour.value));
+    this.size.addEventListener("input", () => (pen.size = Math.max(1, this.size.valueAsNumber || 1)));
+    this.text.addEventListener("input", () => (pen.text = this.text.value));
+    this.choose(pen.tool);
+  }
+
+  connect(app: App): void {
+    const { sketch } = app;
+    this.on.addEventListener("change", () => sketch.drawOn(OWNERS.find((owner) => owner === this.on.value) ?? "seen"));
+    const onClick = (id: string, action: () => void): void => element(id, HTMLButtonElement).addEventListener("click", action);
+    onClick("new-layer", () => this.begin(() => sketch.add("paint")));
+    onClick("new-mask", () => this.begin(() => sketch.add("mask")));
+    onClick("load-mask", () => this.mask.click());
+    onClick("draw-picture", () => this.picture.click());
+    this.picture.addEventListener("change", () => this.take(this.picture, (file) => this.openPicture(file)));
+    this.mask.addEventListener("change", () =>
+      this.take(this.mask, async (file) => {
+        if (app.model === undefined) throw new InputError("Open a model before a mask.");
+        sketch.addMasks(readLabels(file.name, new Uint8Array(await file.arrayBuffer()), app.model.facts), app.player.frame);
+      }),
+    );
+  }
+
+  /** Fits the width of lines to another clip. */
+  setImage({ width, height }: Size): void {
+    this.pen.size = Math.max(1, Math.round(Math.max(width, height) / 60));
+    this.size.value = String(this.pen.size);
+  }
+
+  content(drawings: readonly Drawing[]): void {
+    element("drawing-count", HTMLSpanElement).textContent = String(drawings.length);
+    element("no-drawings", HTMLParagraphElement).hidden = drawings.length > 0;
+    const has = (kind: Drawing["kind"]): boolean => drawings.some((each) => each.kind === kind && each.marks.length > 0);
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=paint]")) button.disabled = !has("paint");
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=mask]")) button.disabled = !has("mask");
+  }
+
+  /** Takes up a tool. */
+  choose(tool: Tool): void {
+    this.pen.cancel();
+    this.pen.tool = tool;
+    const radio = this.radios.get(tool);
+    if (radio) radio.checked = true;
+    const shown = { "draw-colour": !["points", "eraser", "picture"].includes(tool), "draw-size": ["brush", "eraser", "text"].includes(tool) };
+    for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
+    const [hint] = element("hint", HTMLParagraphElement).childNodes;
+    if (hint) hint.textContent = HINTS[tool];
+    element("draw-text-field", HTMLLabelElement).hidden = tool !== "text";
+    element("draw-picture", HTMLButtonElement).hidden = tool !== "picture";
+    element("draw-on-field", HTMLLabelElement).hidden = tool === "points" || tool === "eraser";
+  }
+
+  /** Makes a layer, and takes the brush to it. */
+  private begin(make: () => void): void {
+    make();
+    if (!this.pen.isOut) this.choose("brush");
+  }
+
+  private take(input: HTMLInputElement, open: (file: File) => Promise<void>): void {
+    const [file] = input.files ?? [];
+    if (file) this.alerts.attempt(open(file));
+    input.value = "";
+  }
+
+  private async openPicture(file: File): Promise<void> {
+    if (file.size > MOST_BYTES) throw new InputError(`${file.name} has more than ${MOST_BYTES / 2 ** 20} MB; make it smaller.`);
+    const source = base64(new Uint8Array(await file.arrayBuffer()));
+    const size = await decode(source).catch(() => {
+      throw new InputError(`${file.name} does not decode as an image; give a PNG, JPEG or WebP.`);
+    });
+    this.pen.picture = { ...size, source };
+    element("draw-picture", HTMLButtonElement).textContent = file.name;
+  }
+}

@@ -1,0 +1,73 @@
+import { encode } from "fast-png";
+import { describe, expect, it } from "vitest";
+import { Document } from "../src/document";
+import { type Mark, drawnFrames, marked, redrawn, reordered, withoutDrawing } from "../src/drawings";
+import { labelPng, readLabels } from "../src/files/labels";
+
+const mark = (t: number): Mark => ({ kind: "area", t, ink: null, corners: [] });
+const SIZE = { width: 5, height: 3 };
+
+describe("layers in the document", () => {
+  it("puts a layer there with its first mark, as one step", () => {
+    const document = new Document();
+    const layer = document.newDrawing("paint", "static");
+    document.change((content) => marked(content, layer, [mark(4)]));
+    document.change((content) => marked(content, layer, [mark(4)]));
+    expect(document.drawings.map(({ id, on, marks }) => [id, on, marks.length])).toEqual([[layer.id, "static", 2]]);
+    document.undo();
+    document.undo();
+    expect(document.drawings).toEqual([]);
+    document.redo();
+    expect(document.drawings[0]?.marks).toEqual([mark(4)]);
+  });
+
+  it("orders, changes and removes layers, and leaves the rest", () => {
+    const document = new Document();
+    const [a, b] = [document.newDrawing("paint", "seen"), document.newDrawing("paint", "seen")];
+    for (const each of [a, b]) document.change((content) => marked(content, each, []));
+    document.change((content) => reordered(content, a.id, 1));
+    expect(document.drawings.map(({ id }) => id)).toEqual([b.id, a.id]);
+    const before = document.content;
+    document.change((content) => reordered(content, a.id, 1));
+    expect(document.content).toBe(before);
+    document.change((content) => redrawn(content, b.id, { shown: false }));
+    expect(document.drawings.map(({ shown }) => shown)).toEqual([false, true]);
+    document.change((content) => withoutDrawing(content, b.id));
+    expect(document.drawings.map(({ id }) => id)).toEqual([a.id]);
+  });
+
+  it("numbers masks by the highest that is there", () => {
+    const document = new Document();
+    document.change((content) => marked(content, { ...document.newDrawing("mask", "seen"), label: 7 }, [mark(9), mark(2), mark(9)]));
+    expect(document.newDrawing("mask", "seen").label).toBe(8);
+    expect(document.newDrawing("paint", "seen").label).toBe(0);
+    expect(document.drawings.map(drawnFrames)).toEqual([[2, 9]]);
+  });
+});
+
+describe("label images", () => {
+  const labels = Uint8Array.from({ length: 15 }, (_, index) => [0, 1, 3][index % 3] ?? 0);
+
+  it("reads what it writes, and palettes", () => {
+    expect([...readLabels("m.png", labelPng(SIZE, labels), SIZE)]).toEqual([...labels]);
+    const palette = [[0, 0, 0], [200, 0, 0], [0, 200, 0], [0, 0, 200]];
+    expect([...readLabels("m.png", encode({ ...SIZE, data: labels, channels: 1, depth: 8, palette }), SIZE)]).toEqual([...labels]);
+  });
+
+  it.each([
+    [1, "iVBORw0KGgoAAAANSUhEUgAAAAUAAAADAQMAAABh+Fe7AAAABlBMVEUAAAD/AAAb/40iAAAADklEQVR4nGMIYFjBEAAAA94BSXfAiOEAAAAASUVORK5CYII="],
+    [2, "iVBORw0KGgoAAAANSUhEUgAAAAUAAAADAgMAAAAmWC1rAAAADFBMVEUAAAD/AAAA/wAAAP+bwBPcAAAAEUlEQVR4nGOQZmAJvMLiKgIABogBoqvmt1sAAAAASUVORK5CYII="],
+  ])("reads palettes of %d bits, several pixels in a byte", (bits, file) => {
+    const read = readLabels("m.png", Uint8Array.from(atob(file), (letter) => letter.charCodeAt(0)), SIZE);
+    expect([...read]).toEqual(Array.from({ length: 15 }, (_, index) => index % 2 ** bits));
+  });
+
+  it("says what is wrong", () => {
+    const png = (given: object): Uint8Array => encode({ ...SIZE, data: labels, channels: 1, depth: 8, ...given });
+    expect(() => readLabels("m.png", Uint8Array.of(1, 2), SIZE)).toThrow("m.png does not decode as a PNG");
+    expect(() => readLabels("m.png", png({ channels: 3, data: new Uint8Array(45) }), SIZE)).toThrow("has colours");
+    expect(() => readLabels("m.png", png({}), { width: 3, height: 5 })).toThrow("is 5x3 but the clip is 3x5");
+    expect(() => readLabels("m.png", png({ data: new Uint8Array(15) }), SIZE)).toThrow("is black");
+    expect(() => readLabels("m.png", png({ data: new Uint16Array(15).fill(300), depth: 16 }), SIZE)).toThrow("above 255");
+  });
+});
