@@ -75,6 +75,11 @@ export class Carrier {
     return frame === anchor ? SAME : this.frames.get(frame)?.maps.get(anchor)?.value;
   }
 
+  /** Whether there is a map, or there never will be: the model has failed. */
+  isSettled(frame: number, anchor: number): boolean {
+    return this.closed || this.map(frame, anchor) !== undefined;
+  }
+
   shares(frame: number): Shares | undefined {
     return this.frames.get(frame)?.shares?.value;
   }

@@ -66,7 +66,7 @@ export class Painter {
 
   /** Whether something can be shown of each layer in `frame`. */
   isReady(frame: number, drawings: readonly Drawing[]): boolean {
-    return Painter.wanted(drawings).anchors.every((anchor) => this.carrier.map(frame, anchor) !== undefined);
+    return Painter.wanted(drawings).anchors.every((anchor) => this.carrier.isSettled(frame, anchor));
   }
 
   /** What was drawn over frame t, with `scale` pixels for each of the clip's. */
