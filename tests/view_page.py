@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from playwright.sync_api import Browser, Page, expect
@@ -21,6 +22,15 @@ from decomo_runtime.view.site import read_inputs, write_site
 PATIENCE = 60_000
 """Milliseconds; a busy machine is not a failure."""
 expect.set_options(timeout=PATIENCE)
+
+
+def write_grey_clip(folder: Path, height: int, width: int, greys: Sequence[int]) -> Path:
+    """A clip `slide` in `folder`, a frame of one grey each."""
+    clip = folder / "slide"
+    clip.mkdir()
+    for frame, grey in enumerate(greys):
+        cv2.imwrite(str(clip / f"{frame}.png"), np.full((height, width, 3), grey, np.uint8))
+    return clip
 
 
 @contextmanager

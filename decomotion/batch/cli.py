@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from decomotion import console
-from decomotion.errors import TrainingError
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
 from decomotion.options import Duration, forwarded, seed_option, supervision_options, window_options
 
@@ -51,9 +50,7 @@ def command(
     if results.seconds_per_video is not None:
         click.echo(f"{results.seconds_per_video:.0f} s a clip, {results.jobs} at a time")
     click.echo(f"{len(results.finished)} finished, {len(results.failed)} failed; wrote {out / 'index.html'}")
-    if results.failed:
-        reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in results.failed)
-        raise TrainingError(f"{len(results.failed)} clips failed, the same command tries them again ({reasons})")
+    results.check_finished("clips")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

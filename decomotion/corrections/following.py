@@ -9,8 +9,7 @@ import numpy.typing as npt
 import torch
 
 from decomotion.model.fusion import DecoMotion, PairConditioning
-from decomotion.model.readout import OBJECT_SHARE, Surface, answer, carry, static_owns
-from decomotion.rays import lift
+from decomotion.model.readout import OBJECT_SHARE, Surface, answer, carry, static_owns, surface_on
 
 AT_ONCE = 2**14
 """Points times frames that are asked at a time."""
@@ -65,20 +64,15 @@ def see(model: DecoMotion, frame: int, xy: npt.NDArray[np.floating], volume: str
     here = PairConditioning(*(each.take(torch.tensor([frame], device=device)) for each in conditioning))
     points = torch.tensor(xy, dtype=torch.float32, device=device)[None]
     rays = model.cast(points, here)
-    confidence = rays.static_confidence[0]
+    confidence = rays.static_confidence
     if volume is None:
         is_static, weights = static_owns(confidence), (rays.fused_static, rays.fused_dynamic)
     else:
         is_static = torch.full_like(confidence, volume == "static", dtype=torch.bool)
         weights = (rays.alone_static, rays.alone_dynamic)
-    weights = torch.where(is_static[None, :, None], *weights)
-    depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
-    local = lift(model.plane.normalise(points), depth[..., None])[..., 0, :]
-    u = model.static.to_canonical(local, here.static)
-    v = model.dynamic.to_canonical(local, here.dynamic)
-    canonical = torch.where(is_static[None, :, None], u, v)
+    surface = surface_on(model, rays, torch.where(is_static[..., None], *weights), is_static, here)
     repeated = Surface(
-        canonical.expand(model.num_frames, *canonical.shape[1:]), is_static.expand(model.num_frames, len(is_static))
+        surface.canonical.expand(model.num_frames, -1, -1), surface.is_static.expand(model.num_frames, -1)
     )
     there = carry(model, repeated, conditioning).transpose(0, 1)
-    return Seen(there.cpu().numpy(), confidence.cpu().numpy())
+    return Seen(there.cpu().numpy(), confidence[0].cpu().numpy())

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from decomotion.errors import InputError
+from decomotion.errors import InputError, TrainingError
 from decomotion.files import replacing
 from decomotion.jobs.clip_task import ClipTask, is_model
 from decomotion.jobs.engine import Engine, run_tasks
@@ -52,6 +52,12 @@ class Results:
             sum(outcome.seconds.values()) / (outcome.jobs or self.jobs) for outcome in self.finished if outcome.seconds
         ]
         return round(sum(each) / len(each) * videos / 3600, 2) if each else None
+
+    def check_finished(self, what: str) -> None:
+        """Raises `TrainingError` where some of the clips, called `what`, failed."""
+        if self.failed:
+            reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in self.failed)
+            raise TrainingError(f"{len(self.failed)} {what} failed, the same command tries them again ({reasons})")
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""

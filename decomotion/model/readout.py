@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from decomotion.model.fusion import DecoMotion, PairConditioning
+from decomotion.model.fusion import DecoMotion, PairConditioning, Rays
 from decomotion.rays import lift
 
 OBJECT_SHARE = 0.1
@@ -49,16 +49,30 @@ def surface_of(
     """The surface that the rays through pixels `xy` meet, in the frames of `conditioning` (row by row, or row `frame`).
 
     The dynamic volume owns the pixel where its share of the fused weight is above `OBJECT_SHARE`, the static one
-    elsewhere. The depths of the owner's samples are averaged by weight, and the ray's point at that depth is mapped to
-    canonical space. Averaging the samples' canonical positions instead would leave the surface, since the map bends the
-    ray; averaging over both volumes, as in training, would put points of an object's outline between the object and
-    the scene.
+    elsewhere. Averaging over both volumes, as in training, would put points of an object's outline between the object
+    and the scene.
     """
     rays = model.cast(xy, conditioning, frame)
     is_static = static_owns(rays.static_confidence)
     weights = torch.where(is_static[..., None], rays.fused_static, rays.fused_dynamic)
+    return surface_on(model, rays, weights, is_static, conditioning, frame)
+
+
+def surface_on(
+    model: DecoMotion,
+    rays: Rays,
+    weights: Float[Tensor, "batch point sample"],
+    is_static: Bool[Tensor, "batch point"],
+    conditioning: PairConditioning,
+    frame: Int[Tensor, " batch"] | None = None,
+) -> Surface:
+    """The surface on `rays` at the mean depth of their samples by `weights`, in the volume that `is_static` names.
+
+    The ray's point at that depth is mapped to canonical space. Averaging the samples' canonical positions instead would
+    leave the surface, since the map bends the ray.
+    """
     depth = (weights * rays.depths).sum(-1) / weights.sum(-1).clamp_min(1e-6)
-    points = lift(model.plane.normalise(xy), depth[..., None])[..., 0, :]
+    points = lift(rays.xy, depth[..., None])[..., 0, :]
     u = model.static.to_canonical(points, conditioning.static, frame)
     v = model.dynamic.to_canonical(points, conditioning.dynamic, frame)
     return Surface(torch.where(is_static[..., None], u, v), is_static)

@@ -27,7 +27,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened, served
+from view_page import ViewPage, opened, served, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Route
@@ -46,11 +46,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Frame i has one grey, 40 i."""
-    folder = tmp_path_factory.mktemp("clips") / "slide"
-    folder.mkdir()
-    for frame in range(NUM_FRAMES):
-        cv2.imwrite(str(folder / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), 40 * frame, np.uint8))
-    return folder
+    return write_grey_clip(tmp_path_factory.mktemp("clips"), HEIGHT, WIDTH, range(0, 40 * NUM_FRAMES, 40))
 
 
 @pytest.fixture(scope="module")

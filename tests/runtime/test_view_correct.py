@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened
+from view_page import ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -41,11 +40,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("clips") / "slide"
-    folder.mkdir()
-    for frame in range(NUM_FRAMES):
-        cv2.imwrite(str(folder / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), 30 * frame, np.uint8))
-    return folder
+    return write_grey_clip(tmp_path_factory.mktemp("clips"), HEIGHT, WIDTH, range(0, 30 * NUM_FRAMES, 30))
 
 
 @pytest.fixture(scope="module")

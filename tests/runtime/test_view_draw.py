@@ -21,7 +21,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened
+from view_page import ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -47,11 +47,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("clips") / "slide"
-    folder.mkdir()
-    for frame in range(NUM_FRAMES):
-        cv2.imwrite(str(folder / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), GREY, np.uint8))
-    return folder
+    return write_grey_clip(tmp_path_factory.mktemp("clips"), HEIGHT, WIDTH, [GREY] * NUM_FRAMES)
 
 
 @pytest.fixture(scope="module")

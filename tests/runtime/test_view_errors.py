@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -17,7 +16,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened
+from view_page import ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -46,10 +45,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def shared_view(chromium: Browser, model: Path, tmp_path_factory: pytest.TempPathFactory):
-    clip = tmp_path_factory.mktemp("clips") / "slide"
-    clip.mkdir()
-    for frame in range(NUM_FRAMES):
-        cv2.imwrite(str(clip / f"{frame}.png"), np.full((HEIGHT, WIDTH, 3), GREY, np.uint8))
+    clip = write_grey_clip(tmp_path_factory.mktemp("clips"), HEIGHT, WIDTH, [GREY] * NUM_FRAMES)
     with opened(chromium, tmp_path_factory.mktemp("site"), model, clip) as view:
         yield view
 

@@ -12,7 +12,6 @@ from decomo_eval.columns import COLUMNS
 from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion import console
-from decomotion.errors import TrainingError
 from decomotion.jobs.options import chosen_engine, engine_options
 from decomotion.options import Duration
 from decomotion.presets import AUTO
@@ -81,9 +80,7 @@ def command(
         hours = ", ".join(f"{number} videos {hours:g} h" for number, hours in summary.hours_for.items())
         click.echo(f"{summary.seconds_per_video:.0f} s a video: {hours}")
     click.echo(f"{len(summary.finished)} finished, {len(summary.failed)} failed; wrote {out / 'summary.json'}")
-    if summary.failed:
-        reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in summary.failed)
-        raise TrainingError(f"{len(summary.failed)} videos failed, the same command tries them again ({reasons})")
+    summary.check_finished("videos")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
