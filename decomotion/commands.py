@@ -26,7 +26,6 @@ COMMANDS = (
     Command("export", "decomo_export.cli", "command", "Freeze a fitted model into one .onnx file."),
     Command("info", "decomo_runtime.info_cli", "info", "Show a model's card: its clip, its fit, how good it is."),
     Command("track", "decomo_runtime.cli", "track", "Follow points through the clip."),
-    Command("batch", "decomotion.batch.cli", "command", "Fit, export and track all clips of a folder or list."),
     Command("convert", "decomo_runtime.convert_cli", "convert", "Bring tracks into the files of other tools."),
     Command("flow", "decomo_runtime.flow.cli", "flow", "Write where all pixels of a frame are in others."),
     Command("measure", "decomo_runtime.measure.cli", "measure", "Measure motion and strain, in units of length."),
@@ -37,6 +36,7 @@ COMMANDS = (
         "render", "decomo_runtime.render_cli", "render", "Render static scene and objects, or the clip without them."
     ),
     Command("view", "decomo_runtime.view.cli", "view", "Look at a model in the browser: a click draws a path."),
+    Command("batch", "decomotion.batch.cli", "command", "Fit, export and track all clips of a folder or list."),
     Command("eval", "decomo_eval.cli", "cli", "Score tracks against ground truth."),
     Command("bench", "decomo_eval.bench.cli", "command", "Fit, export and score all videos of a benchmark."),
     Command("sample", "decomo_eval.sample.cli", "command", "Write a procedural clip with exact ground truth."),

@@ -33,10 +33,15 @@ class Table:
 
 
 @contextmanager
-def opened_table(path: Path) -> Iterator[Table]:
-    """Opens a csv file. Raises `OSError` where it cannot be read, `UnicodeError` where it is not text."""
+def opened_table(path: Path, comment: str | None = None) -> Iterator[Table]:
+    """Opens a csv file, whose header may follow empty lines and lines that begin with `comment`.
+
+    Raises `OSError` where it cannot be read, `UnicodeError` where it is not text.
+    """
     with open(path, newline="", encoding=_encoding(path)) as file:
         header = file.readline()
+        while comment and header and (not header.strip() or header.startswith(comment)):
+            header = file.readline()
         separator = max(SEPARATORS, key=header.count)
         names = [name.strip().strip('"').strip().lower() for name in header.split(separator)] if header.strip() else []
         yield Table(names, separator, file)

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from decomotion import console
+from decomotion.batch.task import GRID
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
 from decomotion.options import Duration, forwarded, seed_option, supervision_options, window_options
 
@@ -20,7 +21,7 @@ OWN = ("out", "grid", "overlay", "attempts", *ENGINE_OPTIONS)
 @click.command(context_settings={"show_default": True, "help_option_names": ["-h", "--help"]})
 @click.argument("clips", metavar="FOLDER|LIST", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of all results.")
-@click.option("--grid", metavar="STEP@T", default="16@0", help="Points to follow: one every STEP pixels of frame T.")
+@click.option("--grid", metavar="STEP@T", default=GRID, help="Points to follow: one every STEP pixels of frame T.")
 @click.option("--overlay/--no-overlay", default=True, help="Also draw the tracks on each clip.")
 @click.option("--time-budget", type=Duration(), help="Of each clip, as for decomo-train.  [default: decomo-train's]")
 @click.option("--steps", type=click.IntRange(min=1), help="Of each clip, instead of a time.")

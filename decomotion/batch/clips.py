@@ -27,6 +27,7 @@ from decomotion.frame_files import IMAGE_SUFFIXES
 from decomotion.jobs.options import ENGINE_OPTIONS
 from decomotion.long_clip import own_files
 from decomotion.options import Supervision, forwarded, given_names
+from decomotion.tables import opened_table
 
 if TYPE_CHECKING:
     from decomotion.config import Config
@@ -39,6 +40,7 @@ VIDEO_SUFFIXES = (
 )
 """Files of a folder that are taken for clips. A list may name others."""
 COLUMNS = ("clip", "name", "queries", "options")
+COMMENT = "#"
 NOT_OF_ONE = ("out", "resume", "rebuild_cache", *ENGINE_OPTIONS)
 """Arguments of decomo-train that are not a clip's own."""
 BUDGET = {"--time-budget", "--steps"}
@@ -104,33 +106,38 @@ def _is_clip(path: Path) -> bool:
 
 def _in_list(file: Path) -> Iterator[Entry]:
     try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        if file.suffix.lower() == ".csv":
+            yield from _in_table(file)
+            return
+        for line in file.read_text(encoding="utf-8-sig").splitlines():
+            if line.strip() and not line.lstrip().startswith(COMMENT):
+                yield _entry(str(file.absolute().parent / line.strip()))
+    except (OSError, UnicodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
         raise BatchError(
             f"{file} cannot be read ({reason}); give a folder of clips, or a list of their paths"
         ) from error
-    if file.suffix.lower() != ".csv":
-        for line in lines:
-            if line.strip() and not line.lstrip().startswith("#"):
-                yield _entry(str(file.absolute().parent / line.strip()))
-        return
-    rows = csv.DictReader([line for line in lines if line.strip() and not line.startswith("#")], strict=True)
-    columns = [column.strip() for column in rows.fieldnames or ()]
-    if "clip" not in columns or set(columns) - set(COLUMNS) or len(set(columns)) < len(columns):
-        raise BatchError(f"{file} has the columns {', '.join(columns)}; it needs clip, and may have {COLUMNS[1:]}")
-    rows.fieldnames = columns
-    try:
-        for number, row in enumerate(rows, 1):
-            yield _of_row(f"row {number} of {file}", file.absolute().parent, row)
     except csv.Error as error:
         raise BatchError(f"{file} is no table of comma-separated values: {error}") from error
 
 
-def _of_row(where: str, base: Path, row: dict[str | None, str | list[str] | None]) -> Entry:
-    if None in row or None in row.values():
-        raise BatchError(f"{where} has not as many cells as the header; put a text with a comma in double quotes")
-    clip, name, queries, options = (str(row.get(column) or "").strip() for column in COLUMNS)
+def _in_table(file: Path) -> Iterator[Entry]:
+    with opened_table(file, COMMENT) as table:
+        columns = table.columns
+        if "clip" not in columns or set(columns) - set(COLUMNS) or len(set(columns)) < len(columns):
+            raise BatchError(f"{file} has the columns {', '.join(columns)}; it needs clip, and may have {COLUMNS[1:]}")
+        lines = (line for line in table.lines if line.strip() and not line.startswith(COMMENT))
+        for number, row in enumerate(csv.reader(lines, delimiter=table.separator, strict=True), 1):
+            where = f"row {number} of {file}"
+            if len(row) != len(columns):
+                raise BatchError(
+                    f"{where} has not as many cells as the header; put a text with a comma in double quotes"
+                )
+            yield _of_row(where, file.absolute().parent, dict(zip(columns, row, strict=True)))
+
+
+def _of_row(where: str, base: Path, row: Mapping[str, str]) -> Entry:
+    clip, name, queries, options = (row.get(column, "").strip() for column in COLUMNS)
     if not clip:
         raise BatchError(f"{where} names no clip")
     if queries and not (base / queries).is_file():

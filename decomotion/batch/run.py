@@ -14,7 +14,7 @@ from pathlib import Path
 
 from decomotion.batch.clips import Entry, read_clips, together
 from decomotion.batch.page import write_page
-from decomotion.batch.task import TrackedTask
+from decomotion.batch.task import GRID, TrackedTask
 from decomotion.clip import clip_part
 from decomotion.errors import BatchError
 from decomotion.files import digest_of
@@ -24,8 +24,6 @@ from decomotion.jobs.folder import ClipTasks, Results, claim
 from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome
 
-GRID = "16@0"
-"""A point every 16 pixels of the first frame."""
 GRID_FORM = re.compile(r"[1-9]\d*(\.\d+)?@\d+", re.ASCII)
 
 

@@ -24,13 +24,15 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "picture": ("-m", "decomotion.batch.picture"),
 }
 PICTURE, ASKED = "picture.jpg", "asked.json"
+GRID = "16@0"
+"""A point every 16 pixels of the first frame."""
 
 
 @dataclass(frozen=True)
 class TrackedTask(ClipTask):
     """A clip to be fitted and asked."""
 
-    grid: str = "16@0"
+    grid: str = GRID
     """Points to follow, STEP@T of decomo-track, where there is no file of them."""
     queries: Path | None = None
     """File of them, in full."""

@@ -94,6 +94,13 @@ def test_other_lists_are_refused(tmp_path: Path, name: str, text: str, words: st
         read_clips(tmp_path / name)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_a_list_as_spreadsheets_write_it(tmp_path: Path, encoding: str) -> None:
+    """The first line is a comment, cells are separated by semicolons."""
+    (tmp_path / "a.csv").write_text("# Clips\n\nClip;Name\nhöhe.mp4;x, y\n\n# b.mp4;y\n", encoding=encoding)
+    assert read_clips(tmp_path / "a.csv") == [Entry("x, y", str(tmp_path / "höhe.mp4"))]
+
+
 def test_other_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BatchError, match="does not exist; give a folder of clips, or a list"):
         read_clips(tmp_path / "absent")
