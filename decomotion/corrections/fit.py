@@ -19,7 +19,7 @@ from decomotion.chance import generator
 from decomotion.checkpoint import Checkpoint
 from decomotion.clip import Clip
 from decomotion.config import Config
-from decomotion.corrections.following import follow
+from decomotion.corrections.following import HIDDEN, follow
 from decomotion.corrections.lesson import lesson_pool
 from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.corrections.seams import in_windows
@@ -39,8 +39,6 @@ log = logging.getLogger(__name__)
 
 WARM_UP = 0.05
 """Of the short fit."""
-HIDDEN = 0.5
-"""Occlusion from which on a point counts as hidden."""
 CONTRADICTS = 0.5
 """From this on a held-out link contradicts the corrections, and the fit is not judged by it."""
 

@@ -13,6 +13,8 @@ from decomotion.model.readout import OBJECT_SHARE, Surface, answer, carry, stati
 
 AT_ONCE = 2**14
 """Points times frames that are asked at a time."""
+HIDDEN = 0.5
+"""Occlusion score above which a point counts as hidden."""
 
 
 class Followed(NamedTuple):

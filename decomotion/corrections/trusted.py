@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.corrections.following import Followed, follow, see
+from decomotion.corrections.following import HIDDEN, Followed, follow, see
 from decomotion.corrections.points import CorrectedPoint
 from decomotion.model.fusion import DecoMotion
 
@@ -81,7 +81,7 @@ def _bent(model: DecoMotion, point: CorrectedPoint, known: Followed) -> Bent:
     shares = blending(point.frames, known.xy / model.plane.unit)
     xy = np.einsum("kt,ktc->tc", shares, known.xy)
     xy[point.frames] = point.xy
-    seen = np.einsum("kt,kt->t", shares, known.occlusion) < 0.5
+    seen = np.einsum("kt,kt->t", shares, known.occlusion) < HIDDEN
     seen[point.frames] = True
     seen[point.hidden] = False
     looks = [see(model, int(frame), place[None]) for frame, place in zip(point.frames, point.xy, strict=True)]

@@ -7,12 +7,13 @@ in 0..1 from edge to edge of the image. Of folders, one file is in memory at a t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from decomo_eval import safe_pickle
 from decomo_eval.errors import DatasetError
-from decomo_eval.readers.files import by_suffix
+from decomo_eval.readers.files import Videos, by_suffix
 from decomo_eval.video import Video, made_video
 
 _KEYS = ("video", "points", "occluded")
@@ -27,24 +28,8 @@ def holds(path: Path) -> bool:
 def read(path: Path) -> Mapping[str, Video]:
     """The videos by name; those of a list are named by their position, in a folder behind the file's name."""
     if not path.is_dir():
-        return PickleDataset(path)
+        return Videos(_entries(path), partial(_read_video, path))
     return ShardedDataset(by_suffix(path, ".pkl"))
-
-
-class PickleDataset(Mapping[str, Video]):
-    """Videos of one pickle, which is in memory; what is wrong with one is said when it is asked for."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._entries = path, _entries(path)
-
-    def __getitem__(self, name: str) -> Video:
-        return _read_video(self._path, name, self._entries[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
-
-    def __len__(self) -> int:
-        return len(self._entries)
 
 
 class ShardedDataset(Mapping[str, Video]):
