@@ -51,7 +51,7 @@ def test_one_array(tmp_path: Path, file: Path):
     np.save(tmp_path / "a.npy", ARRAYS["points"])
     np.testing.assert_array_equal(read_npy(tmp_path / "a.npy", ClipError), ARRAYS["points"])
     whole = (tmp_path / "a.npy").read_bytes()
-    np.save(tmp_path / "object.npy", np.array([print], object), allow_pickle=True)
+    np.save(tmp_path / "object.npy", np.array([len], object), allow_pickle=True)
     (tmp_path / "short.npy").write_bytes(whole[:-1])
     (tmp_path / "header.npy").write_bytes(whole.replace(b"}", b"("))
     for name in ("object.npy", "short.npy", "header.npy", "absent.npy", file.name):

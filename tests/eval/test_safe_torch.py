@@ -67,7 +67,7 @@ class Named:
 
 @pytest.mark.parametrize(
     "content",
-    [Named(print, "executed"), {"a": Named(eval, "1")}, {"a": torch.nn.Linear(2, 2)}, {"a": torch.Size([2])}],
+    [Named(eval, "print(1)"), {"a": Named(eval, "1")}, {"a": torch.nn.Linear(2, 2)}, {"a": torch.Size([2])}],
 )
 def test_what_names_anything_else_is_refused(content: Any, file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     torch.save(content, file)
