@@ -270,7 +270,7 @@ def test_load_refuses_what_is_not_tracks(tmp_path: Path):
 
 
 def test_load_never_unpickles(tmp_path: Path):
-    np.savez(tmp_path / "a.npz", queries=np.array([print], object))
+    np.savez(tmp_path / "a.npz", queries=np.array([len], object))
     with pytest.raises(TracksFileError, match=r"is not an \.npz file of plain arrays"):
         Tracks.load(tmp_path / "a.npz")
 
