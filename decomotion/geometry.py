@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -42,11 +43,11 @@ class ImagePlane:
 
     def normalise(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Pixels to normalised coordinates."""
-        return (xy - xy.new_tensor(self.centre)) / self.half_side
+        return (xy - vector(xy, *self.centre)) / self.half_side
 
     def to_pixels(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Normalised coordinates to pixels."""
-        return xy * self.half_side + xy.new_tensor(self.centre)
+        return xy * self.half_side + vector(xy, *self.centre)
 
     def to_units(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Pixels to units."""
@@ -55,3 +56,8 @@ class ImagePlane:
     def from_units(self, xy: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """Units to pixels."""
         return units.from_units(xy, self.height, self.width)
+
+
+def vector(like: Tensor, *values: float) -> Float[Tensor, " value"]:
+    """A vector of the type and on the device of `like`, made there: a recorded CUDA graph cannot copy from the host."""
+    return torch.cat([like.new_full((1,), value) for value in values])

@@ -10,17 +10,18 @@ from decomotion.pseudo_depth import FAR, NEAR
 
 
 def sample_depths(
-    like: Float[Tensor, "*batch 2"], samples: int, generator: Generator | None = None
+    like: Float[Tensor, "*batch 2"], samples: int, offset: Generator | Float[Tensor, "*batch sample"] | None = None
 ) -> Float[Tensor, "*batch sample"]:
     """Pseudo-depths of the ray samples, ascending: one in each of `samples` equal bins of [NEAR, FAR].
 
-    Stratified (uniform in its bin) where a `generator` is given, as in training; the bins' centres otherwise.
+    `offset` says where in its bin each lies, in [0, 1): given, or drawn evenly by a generator (stratified, as in
+    training); None: at the bins' centres.
     """
     bins = torch.arange(samples, dtype=like.dtype, device=like.device)
-    if generator is None:
+    if offset is None:
         offset = torch.full_like(like[..., :1], 0.5)
-    else:
-        offset = torch.rand((*like.shape[:-1], samples), dtype=like.dtype, device=like.device, generator=generator)
+    elif isinstance(offset, Generator):
+        offset = torch.rand((*like.shape[:-1], samples), dtype=like.dtype, device=like.device, generator=offset)
     return NEAR + (bins + offset) * ((FAR - NEAR) / samples)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,7 +26,8 @@ from decomotion.data.pool import Pool
 from decomotion.errors import CheckpointError, TrainingError
 from decomotion.files import naming, replacing
 from decomotion.held_out import Contradicts, HeldOut
-from decomotion.losses import LOSSES, applicable
+from decomotion.gradient import Accumulator
+from decomotion.losses import applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
 from decomotion.quality import Quality
@@ -104,7 +105,7 @@ class Run:
         """Seconds of it that the preparation took."""
         self.quality: Quality | None = None
         """How good the fit is: measured at its end."""
-        self.device = next(model.parameters()).device
+        self.gradient = Accumulator(model, config.optim.smooth_share)
 
     def restore(self, training: dict[str, Any]) -> None:
         """Continues where `training`, written by `save`, was.
@@ -189,46 +190,37 @@ class Run:
     def optimise(self, progress: float) -> dict[str, float]:
         """One step; returns the unweighted losses."""
         optim = self.config.optim
-        of_batch = torch_generator(self.seed, "batch", self.step)
-        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), of_batch)
-        of_depths = torch_generator(self.seed, "depths", self.step, self.device)
-        weights = {name: value_at(weight, progress) for name, weight in self.losses.items()}
+        batch = self.sampler.draw(longest_gap(optim, progress, self.pool.num_frames), self._chance("batch"))
+        offset = torch.rand((*batch.xy.shape[:2], self.config.model.samples), generator=self._chance("depths"))
+        weights = {name: now for name, weight in self.losses.items() if (now := value_at(weight, progress)) > 0}
         factor = learning_rate_factor(optim, progress)
         for group in self.optimiser.param_groups:
             group["lr"] = group["base_lr"] * factor
 
-        self.optimiser.zero_grad(set_to_none=True)
-        totals = dict.fromkeys(weights, 0.0)
-        size = optim.micro_batch or optim.pairs
-        for first in range(0, optim.pairs, size):
-            part = batch.pairs(first, first + size)
+        self.optimiser.zero_grad(set_to_none=not self.gradient.recorded)  # what is recorded keeps its places
+        losses, errors = [], []
+        for part, its_offset in self._parts(batch, offset):
             share = len(part.frame) / optim.pairs
-            values = self.accumulate(part, weights, share, of_depths)
-            for name, value in values.items():
-                totals[name] += share * value
+            terms = self.gradient.add(part, its_offset, {name: share * weight for name, weight in weights.items()})
+            losses.append(share * terms.losses)
+            errors.append(terms.error)
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), optim.clip_norm)
-        if not norm.isfinite():  # before it poisons the weights
-            raise TrainingError(self._failure("the gradient", batch))
+        *values, norm = torch.cat([torch.stack(losses).sum(0), norm[None]]).tolist()  # the step's one wait for a GPU
+        for what, value in [*zip((f"loss {name}" for name in weights), values, strict=True), ("the gradient", norm)]:
+            if not math.isfinite(value):  # before it poisons the weights
+                raise TrainingError(self._failure(what, batch))
         self.optimiser.step()
-        return totals
+        self.sampler.note_errors(batch, torch.cat(errors).cpu())
+        return dict.fromkeys(self.losses, 0.0) | dict(zip(weights, values, strict=True))
 
-    def accumulate(
-        self, batch: Batch, weights: dict[str, float], share: float, generator: torch.Generator
-    ) -> dict[str, float]:
-        """Adds the gradients of one part of a batch, which makes up `share` of it; returns its losses."""
-        on_device = batch.to(self.device)
-        smooth_points = round(self.config.optim.smooth_share * on_device.xy.shape[1])
-        prediction = self.model.predict(on_device.xy, on_device.frame, on_device.target_frame, generator, smooth_points)
-        losses = {name: LOSSES[name](prediction, on_device) for name, weight in weights.items() if weight > 0}
-        values = {name: float(loss.detach()) for name, loss in losses.items()}
-        for name, value in values.items():
-            if value != value or value in (float("inf"), float("-inf")):
-                raise TrainingError(self._failure(f"loss {name}", batch))
-        sum(share * weights[name] * loss for name, loss in losses.items()).backward()  # type: ignore[union-attr]
-        with torch.no_grad():
-            error = (prediction.fused_xy - on_device.target_xy).norm(dim=-1)
-        self.sampler.note_errors(batch, error.cpu())
-        return values
+    def _chance(self, purpose: str) -> torch.Generator:
+        """This step's; it draws on the CPU, so that it draws the same whatever the device."""
+        return torch_generator(self.seed, purpose, self.step)
+
+    def _parts(self, batch: Batch, offset: torch.Tensor) -> Iterator[tuple[Batch, torch.Tensor]]:
+        size = self.config.optim.micro_batch or self.config.optim.pairs
+        for first in range(0, self.config.optim.pairs, size):
+            yield batch.pairs(first, first + size), offset[first : first + size]
 
     def _failure(self, what: str, batch: Batch) -> str:
         path = self.folder / "failed_batch.pt"

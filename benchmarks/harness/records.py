@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import torch
 from pydantic import BaseModel
 
 from decomo_eval.measure import score
@@ -75,6 +76,7 @@ def provenance() -> Record:
             "threads": os.environ.get("OMP_NUM_THREADS", "all"),
             "system": platform.platform(),
             "load_average": round(os.getloadavg()[0], 1),
+            **({"gpu": torch.cuda.get_device_name()} if torch.cuda.is_available() else {}),
         },
         "versions": {package: version(package) for package in ("decomotion", "torch", "onnxruntime")},
     }

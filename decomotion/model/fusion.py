@@ -152,12 +152,12 @@ class DecoMotion(nn.Module):
         xy: Float[Tensor, "batch point 2"],
         conditioning: PairConditioning,
         frame: Int[Tensor, " batch"] | None = None,
-        generator: Generator | None = None,
+        offset: Generator | Float[Tensor, "batch point sample"] | None = None,
     ) -> Rays:
-        """Samples the rays through pixels `xy`; stratified where a `generator` is given."""
+        """Samples the rays through pixels `xy`, at depths by `offset` (`decomotion.rays.sample_depths`)."""
         config = self.config
         batch, points = xy.shape[:2]
-        depths = sample_depths(xy, config.samples, generator)
+        depths = sample_depths(xy, config.samples, offset)
         depths = depths.expand(batch, points, config.samples)
         normalised = self.plane.normalise(xy)
         local = lift(normalised, depths).flatten(1, 2)
@@ -175,7 +175,7 @@ class DecoMotion(nn.Module):
         xy: Float[Tensor, "pair point 2"],
         frame: Int[Tensor, " pair"],
         target_frame: Int[Tensor, " pair"],
-        generator: Generator,
+        offset: Generator | Float[Tensor, "pair point sample"],
         smooth_points: int | None = None,
     ) -> Prediction:
         """Everything that the losses look at, for points `xy` of `frame` and where they are in `target_frame`.
@@ -185,14 +185,15 @@ class DecoMotion(nn.Module):
         The acceleration is computed for the first `smooth_points` of each pair; None: for all.
         """
         middle = frame.clamp(1, max(1, self.num_frames - 2))
-        needed, rows = torch.unique(
-            torch.cat([frame, target_frame, middle - 1, middle, middle + 1]), return_inverse=True
-        )
-        conditioning = self.condition(needed.clamp(max=self.num_frames - 1))
+        rows = torch.cat([frame, target_frame, middle - 1, middle, middle + 1]).clamp(max=self.num_frames - 1)
+        needed = torch.arange(self.num_frames, device=rows.device)
+        if len(rows) < self.num_frames:
+            needed, rows = rows, needed[: len(rows)]
+        conditioning = self.condition(needed)
         here, there, *around = (
             PairConditioning(conditioning.static.take(row), conditioning.dynamic.take(row)) for row in rows.chunk(5)
         )
-        rays = self.cast(self.plane.from_units(xy), here, generator=generator)
+        rays = self.cast(self.plane.from_units(xy), here, offset=offset)
         (static, of_static, fused_static), (dynamic, of_dynamic, fused_dynamic) = self.to_carry(rays, here)
         u = self.static.from_canonical(static.flatten(1, 2), there.static).reshape(static.shape)
         v = self.dynamic.from_canonical(dynamic.flatten(1, 2), there.dynamic).reshape(dynamic.shape)

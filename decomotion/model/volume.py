@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from decomotion.geometry import vector
 from decomotion.model.affine import AffineTransform
 from decomotion.model.config import VolumeConfig
 from decomotion.model.coupling import CouplingLayer
@@ -145,9 +146,9 @@ class EmptyVolume(nn.Module):
 
 def centred(points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     """Local depth [0, 2] to [-1, 1], so that the transforms act about the middle of the volume."""
-    return points - points.new_tensor([0.0, 0.0, 1.0])
+    return points - vector(points, 0.0, 0.0, 1.0)
 
 
 def decentred(points: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
     """The inverse of `centred`."""
-    return points + points.new_tensor([0.0, 0.0, 1.0])
+    return points + vector(points, 0.0, 0.0, 1.0)

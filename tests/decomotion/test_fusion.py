@@ -225,7 +225,7 @@ def test_the_motion_mask_is_of_the_fusion_or_as_printed_of_the_static_volume_alo
     for kind in ("fused", "static"):
         model.config = model.config.model_copy(update={"motion_mask": kind})
         found[kind] = model.predict(random_units(2, 6), frame, frame, generator())
-    rays = model.cast(random_pixels(2, 6), model.condition(frame), generator=generator())
+    rays = model.cast(random_pixels(2, 6), model.condition(frame), offset=generator())
     through = torch.ones(2, 6)
     printed, fused_static, fused_all, through_both = torch.zeros(2, 6), torch.zeros(2, 6), torch.zeros(2, 6), through
     for sample in range(rays.depths.shape[-1]):  # Eq. 2 and 5, sample by sample

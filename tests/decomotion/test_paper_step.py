@@ -17,6 +17,7 @@ from decomotion.geometry import ImagePlane
 from decomotion.losses import LOSSES
 from decomotion.model.fusion import DecoMotion, Prediction
 from decomotion.model.precision import HiddenLinear, set_precision
+from decomotion.rays import sample_depths
 from tiny_fit import randomised, tiny_model
 
 FRAMES, PAIRS, POINTS, SMOOTH, FEATURE = 6, 4, 12, 5, 3
@@ -39,6 +40,12 @@ def double() -> Iterator[None]:
     torch.set_default_dtype(former)
 
 
+@pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def device(request: pytest.FixtureRequest) -> str:
+    """Where the step is computed; the plain computation is on the same."""
+    return request.param
+
+
 def drifting() -> Tensor:
     """Affine maps of frames that drift in depth, so that samples leave the volume's range."""
     start = torch.eye(3, 4, dtype=torch.float32).repeat(FRAMES, 1, 1)
@@ -47,26 +54,26 @@ def drifting() -> Tensor:
 
 
 @pytest.fixture
-def model() -> DecoMotion:
+def model(device: str) -> DecoMotion:
     """Small networks far from a start: with noise in all weights every part of the computation counts."""
     torch.set_default_dtype(torch.float32)
     made = tiny_model("paper", frames=FRAMES, feature_size=FEATURE, start=drifting(), overrides=WIDER)
     torch.set_default_dtype(torch.float64)
-    return randomised(made.double(), 0.03)
+    return randomised(made.double(), 0.03).to(device)
 
 
 @pytest.fixture
-def full_model() -> DecoMotion:
+def full_model(device: str) -> DecoMotion:
     """The preset's own sizes, a little away from their start."""
     torch.set_default_dtype(torch.float32)
     torch.manual_seed(0)
     made = DecoMotion(load("paper").model, ImagePlane(24, 32), (drifting(), drifting()), FEATURE)
     torch.set_default_dtype(torch.float64)
-    return randomised(made.double(), 0.003)
+    return randomised(made.double(), 0.003).to(device)
 
 
 @pytest.fixture
-def batch() -> Batch:
+def batch(device: str) -> Batch:
     """Pairs from both ends of the clip and from inside it; about half of the points move, some links are unknown."""
     generator = torch.Generator().manual_seed(0)
 
@@ -85,7 +92,7 @@ def batch() -> Batch:
         feature=torch.nn.functional.normalize(uniform(FEATURE) - 0.5, dim=-1),
         moving=(uniform() < 0.5).double(),
         masked=torch.ones(PAIRS, POINTS),
-    )
+    ).to(torch.device(device))
 
 
 def with_gradients(model: DecoMotion, prediction: Prediction, batch: Batch, without: str = "") -> Result:
@@ -102,11 +109,12 @@ def predicted(model: DecoMotion, batch: Batch, depths: Tensor) -> Prediction:
     """The model's own computation at given depths."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("decomotion.model.fusion.sample_depths", lambda *_: depths.to(batch.xy.dtype))
-        return model.predict(batch.xy, batch.frame, batch.target_frame, torch.Generator(), SMOOTH)
+        return model.predict(batch.xy, batch.frame, batch.target_frame, depths, SMOOTH)
 
 
 def depths_of(model: DecoMotion, batch: Batch) -> Tensor:
-    return model.predict(batch.xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(1), SMOOTH).depths
+    offset = torch.rand(PAIRS, POINTS, model.config.samples, generator=torch.Generator().manual_seed(1))
+    return sample_depths(batch.xy, model.config.samples, offset.to(batch.xy))
 
 
 def plain(model: DecoMotion, batch: Batch, depths: Tensor, without: str = "") -> Result:
@@ -181,8 +189,9 @@ def test_precision_is_of_hidden_layers_and_can_be_taken_back(model: DecoMotion, 
     lower = copy.deepcopy(model).float()
     hidden = [module for module in lower.modules() if isinstance(module, HiddenLinear)]
     assert len(hidden) == 3 * 3 + 3 * 3  # of each coupling's MLP and of each field
+    given = torch.ones(2, hidden[0].in_features, dtype=torch.float32, device=batch.xy.device)
     set_precision(lower, "bf16")
-    assert hidden[0](torch.ones(2, hidden[0].in_features, dtype=torch.float32)).dtype == torch.bfloat16
+    assert hidden[0](given).dtype == torch.bfloat16
     assert all(parameter.dtype == torch.float32 for parameter in lower.parameters())
     set_precision(lower, "none")
-    assert hidden[0](torch.ones(2, hidden[0].in_features, dtype=torch.float32)).dtype == torch.float32
+    assert hidden[0](given).dtype == torch.float32

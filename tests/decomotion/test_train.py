@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 from copy import deepcopy
 from itertools import count
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +26,6 @@ from decomotion.device import choose_device
 from decomotion.errors import CheckpointError, ConfigError, TrainingError
 from decomotion.losses import LOSSES, Loss
 from decomotion.model.fusion import DecoMotion
-from decomotion.rays import sample_depths
 from decomotion.record import Record
 from decomotion.run import Run
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
@@ -122,13 +121,13 @@ class TestLearning:
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seeds: tuple[int, int]
     ):
         """Pairs, points and depths of every step, and the points that are prepared; not the first weights alone."""
-        whole, drawn = Run.accumulate, []
+        whole, drawn = Run._parts, []
 
-        def accumulate(run: Run, batch: Batch, *rest: Any) -> dict[str, float]:
-            drawn.append((batch, sample_depths(batch.xy, 5, deepcopy_of(rest[2])), run.pool.points))
-            return whole(run, batch, *rest)
+        def parts(run: Run, batch: Batch, offset: torch.Tensor) -> Iterator[tuple[Batch, torch.Tensor]]:
+            drawn.append((batch, offset, run.pool.points))
+            return whole(run, batch, offset)
 
-        monkeypatch.setattr(Run, "accumulate", accumulate)
+        monkeypatch.setattr(Run, "_parts", parts)
         for number, seed in enumerate((*seeds, seeds[0])):
             fit(CLIP, tmp_path / str(number), config=tiny_config(), steps=3, seed=seed, progress=False)
         first, other, again = drawn[:3], drawn[3:6], drawn[6:]
@@ -163,10 +162,6 @@ class TestLearning:
         with pytest.raises(ConfigError, match=f"no loss has a weight above 0 at {when} of the run"):
             fit(CLIP, tmp_path / "run", config=parse(settings, "mine"), progress=False)
         assert not (tmp_path / "run").exists()
-
-
-def deepcopy_of(generator: torch.Generator) -> torch.Generator:
-    return torch.Generator().set_state(generator.get_state())
 
 
 def assert_equal_bits(first: Path, second: Path) -> None:
@@ -455,16 +450,15 @@ def test_micro_batches_give_the_gradient_of_the_whole(run: Run):
 def test_a_step_follows_the_schedules(run: Run, monkeypatch: pytest.MonkeyPatch):
     """Learning rates, weights of the losses and the longest gap, as they are at that point of the run."""
     gaps, weighed = [], []
-    draw, accumulate = run.sampler.draw, run.accumulate
+    draw, add = run.sampler.draw, run.gradient.add
     monkeypatch.setattr(run.sampler, "draw", lambda gap, generator: gaps.append(gap) or draw(gap, generator))
-    monkeypatch.setattr(
-        run, "accumulate", lambda batch, weights, *rest: weighed.append(weights) or accumulate(batch, weights, *rest)
-    )
+    monkeypatch.setattr(run.gradient, "add", lambda *given: weighed.append(given[-1]) or add(*given))
     optim = run.config.optim
     for progress in (0.0, 0.45, 0.9):
         run.optimise(progress)
         assert gaps.pop() == longest_gap(optim, progress, FRAMES)
-        assert weighed.pop() == {name: value_at(weight, progress) for name, weight in run.config.loss.items()}
+        weights = {name: value_at(weight, progress) for name, weight in run.config.loss.items()}
+        assert weighed.pop() == {name: weight for name, weight in weights.items() if weight > 0}
         for group in run.optimiser.param_groups:
             assert group["lr"] == group["base_lr"] * learning_rate_factor(optim, progress)
     assert longest_gap(optim, 0.0, FRAMES) < longest_gap(optim, 0.45, FRAMES)
@@ -486,9 +480,10 @@ def test_a_loss_of_weight_zero_is_not_computed(run: Run, monkeypatch: pytest.Mon
         raise AssertionError("computed")
 
     monkeypatch.setitem(LOSSES, "distortion", Loss(fail))
-    batch = run.sampler.draw(4, torch.Generator().manual_seed(0))
-    values = run.accumulate(batch, {"flow_fused": 1.0, "distortion": 0.0}, 1.0, torch.Generator().manual_seed(0))
-    assert values.keys() == {"flow_fused"}
+    run.losses = {"flow_fused": 1.0, "distortion": 0.0}
+    values = run.optimise(0.5)
+    assert values["flow_fused"] > 0
+    assert values["distortion"] == 0
 
 
 def test_start_maps(run: Run):
