@@ -3,9 +3,9 @@
     python benchmarks/step.py [--preset paper] [--steps 2] [--set KEY=VALUE] [--json FILE]
     python benchmarks/step.py --preset cpu --device cuda --steps 200 [--launched] [--profile]
 
-A 256x256 clip of 32 frames; `paper` has 8 pairs x 256 points x 32 samples and 768-channel features (as DINO's). Clip
-and its correspondences are random: a step costs the same whatever they show. On a GPU a step is a recorded CUDA graph,
-unless it is `--launched` operation by operation.
+A 256x256 clip of 32 frames; `paper` has 8 pairs x 256 points x 32 samples and 768-channel features (as DINO's). The
+clip and its correspondences are random: a step costs the same whatever they show. On a GPU a step is a recorded CUDA
+graph, unless it is `--launched` operation by operation. Memory of a GPU is what torch holds of it.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def main() -> None:
         record |= {
             "gpu": torch.cuda.get_device_name(),
             "recorded": run.gradient.recorded,
-            "peak_gpu_gib": round(torch.cuda.max_memory_allocated() / 2**30, 2),
+            "peak_gpu_gib": round(torch.cuda.max_memory_reserved() / 2**30, 2),
             "bfloat16_tflop_per_second": round(rate),
             "share_of_bfloat16_rate": round(tflop / statistics.median(seconds) / rate, 4),
         }

@@ -42,7 +42,7 @@ def scale_and_shift(layer: CouplingLayer, points: Tensor, code: Tensor) -> tuple
 
 def to_canonical(volume: Volume, points: Tensor, code: Tensor, frame: int) -> Tensor:
     matrix, offset = affine_map(volume, code, frame)
-    points = (points - torch.tensor([0.0, 0.0, 1.0])) @ matrix.T + offset
+    points = (points - points.new_tensor([0.0, 0.0, 1.0])) @ matrix.T + offset
     for layer in volume.couplings:
         log_scale, shift = scale_and_shift(layer, points, code)
         along = points @ layer.basis[2]
@@ -56,7 +56,7 @@ def from_canonical(volume: Volume, points: Tensor, code: Tensor, frame: int) -> 
         along = points @ layer.basis[2]
         points = points + ((along - shift) / torch.exp(log_scale) - along)[:, None] * layer.basis[2]
     matrix, offset = affine_map(volume, code, frame)
-    return (points - offset) @ torch.linalg.inv(matrix).T + torch.tensor([0.0, 0.0, 1.0])
+    return (points - offset) @ torch.linalg.inv(matrix).T + points.new_tensor([0.0, 0.0, 1.0])
 
 
 def gabor(field: GaborField, points: Tensor) -> Tensor:
@@ -90,7 +90,7 @@ def predict_pair(
     """
     codes = model.frame_code()
     points, samples = depths.shape
-    middle = torch.tensor([model.plane.width, model.plane.height]) * (128 / max(model.plane.width, model.plane.height))
+    middle = xy.new_tensor([model.plane.width, model.plane.height]) * (128 / max(model.plane.width, model.plane.height))
     normalised = (xy + 0.5 - middle) / 128
     local = torch.cat([normalised[:, None].expand(-1, samples, -1), depths[..., None]], dim=-1)
     found: dict[str, Tensor] = {"depths": depths}
