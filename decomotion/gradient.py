@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from decomotion.data.batch import Batch
 from decomotion.losses import LOSSES
@@ -80,12 +80,8 @@ class _Recording:
         self.given = tuple(value.clone() for value in (*vars(batch).values(), offset, weights))
         *parts, offset, weights = self.given
         batch = Batch(*parts)
-        parameters = [parameter for parameter in of.model.parameters() if parameter.requires_grad]
-        for parameter in parameters:
-            if parameter.grad is None:
-                parameter.grad = torch.zeros_like(parameter)
-        gradients = [parameter.grad for parameter in parameters]
-        before = [gradient.clone() for gradient in gradients if gradient is not None]
+        gradients = [_gradient(parameter) for parameter in of.model.parameters()]
+        before = [gradient.clone() for gradient in gradients]
         beside = torch.cuda.Stream(of.device)
         beside.wait_stream(torch.cuda.current_stream(of.device))
         with torch.cuda.stream(beside):
@@ -95,11 +91,19 @@ class _Recording:
         self.graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(self.graph):
             self.terms = of._add(names, batch, offset, weights)
-        torch._foreach_copy_(gradients, before)
+        for gradient, former in zip(gradients, before, strict=True):
+            gradient.copy_(former)
 
     def replay(self, batch: Batch, offset: Tensor, weights: Float[Tensor, " loss"]) -> Terms:
-        """As the accumulator's own computation; what it gives is valid until the next replay."""
+        """As the accumulator's own computation."""
         for place, value in zip(self.given, (*vars(batch).values(), offset, weights), strict=True):
             place.copy_(value, non_blocking=True)
         self.graph.replay()
         return Terms(self.terms.losses.clone(), self.terms.error.clone())
+
+
+def _gradient(parameter: nn.Parameter) -> Tensor:
+    """Where its gradient is added up: there from now on."""
+    if parameter.grad is None:
+        parameter.grad = torch.zeros_like(parameter)
+    return parameter.grad

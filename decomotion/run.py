@@ -25,8 +25,8 @@ from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import Pool
 from decomotion.errors import CheckpointError, TrainingError
 from decomotion.files import naming, replacing
-from decomotion.held_out import Contradicts, HeldOut
 from decomotion.gradient import Accumulator
+from decomotion.held_out import Contradicts, HeldOut
 from decomotion.losses import applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
