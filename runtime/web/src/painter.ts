@@ -4,7 +4,8 @@ import type { Carrier, Wanted } from "./carrier";
 import { type Drawing, type Mark, drawnFrames } from "./drawings";
 import type { Size } from "./geometry";
 import { areDecoded, blank, drawMarks } from "./marks";
-import { type CarryMap, type Cel, type Shares, type Warped, boundsOf, warp } from "./warp";
+import { sceneMap } from "./scene_map";
+import { type CarryMap, type Cel, SAME, type Shares, type Warped, boundsOf, warp } from "./warp";
 
 /** A layer in one frame: `scale` pixels of its canvas for each of the clip's, from (left, top) of that canvas's on. */
 export interface Painted {
@@ -130,8 +131,10 @@ export class Painter {
   private warped(frame: number, marks: readonly Mark[], scale: number, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
     const frames = [...new Set(marks.map(({ t }) => t))].sort((a, b) => Math.abs(a - frame) - Math.abs(b - frame));
     const sources = frames.flatMap((t) => {
-      const map = this.carrier.map(frame, t);
-      return map === undefined ? [] : [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
+      const seen = this.carrier.map(frame, t);
+      if (seen === undefined) return [];
+      const map = owned === undefined || owned.moving || seen === SAME ? seen : sceneMap(seen, owned.shares, this.image);
+      return [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
     });
     return warp(sources, this.image, owned);
   }
