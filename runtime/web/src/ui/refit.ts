@@ -66,7 +66,7 @@ export class RefitPanel {
     const { state, model } = refit;
     if (model !== null && hasModel(refit)) await this.app.openCandidate(model, this.files);
     if (state === "taken") await this.app.takeCandidate();
-    else if (state !== "finished" && this.app.candidate !== undefined) this.app.dropCandidate();
+    else if (state !== "finished" && this.app.comparison.candidate !== undefined) this.app.comparison.drop();
   }
 
   /** Whether the model that is open is one of `decomo-view`'s own. */
@@ -80,8 +80,8 @@ export class RefitPanel {
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
     element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || !this.isServed;
-    element(`side-${app.side}`, HTMLInputElement).checked = true;
-    element("refit-figures", HTMLParagraphElement).textContent = app.candidate ? figures(app) : "";
+    element(`side-${app.comparison.side}`, HTMLInputElement).checked = true;
+    element("refit-figures", HTMLParagraphElement).textContent = app.comparison.candidate ? figures(app) : "";
   }
 }
 
@@ -99,7 +99,7 @@ function sentence({ state, said, run, file }: RefitState): string {
 
 /** How far both models miss the given places, and how far the other points have moved, each by its mean. */
 function figures(app: App): string {
-  const [old, refitted] = [app.followed, app.refollowed()];
+  const [old, refitted] = [app.followed, app.comparison.followed()];
   const parts = [];
   const [before, after] = [old, refitted].map((side) => median(side.flatMap(({ answer, given }) => misses(answer, given))));
   if (before !== undefined && after !== undefined) parts.push(`Given places are missed by ${px(after)}, before by ${px(before)}.`);
