@@ -17,6 +17,8 @@ const [CLEARANCE, AGREED] = [4, 1.5];
 const SURE = 0.99;
 /** Fewer nodes do not tell the motion. */
 const LEAST_NODES = 12;
+/** Nodes that the homography is fitted to, at most. */
+const MOST_FITTED = 600;
 /** Noise of an answer about the homography; beyond the second it is wrong; in units. */
 const [NOISE, OUTLIER] = [1.5, 6];
 /** Cells along the longer side of the raster on which the remainder is interpolated. */
@@ -75,8 +77,10 @@ function fitMotion(nodes: Grid, flow: Float32Array, still: Float32Array, image: 
   const chosen = [...still.keys()].filter((node) => still[node] === 1);
   if (chosen.length < LEAST_NODES) return undefined;
   const places = chosen.map((node) => ({ x: nodes.x(node), y: nodes.y(node), dx: flow[2 * node] ?? 0, dy: flow[2 * node + 1] ?? 0 }));
-  const from = Float32Array.from(places.flatMap(({ x, y }) => shared(x, y, image)));
-  const to = Float32Array.from(places.flatMap(({ x, y, dx, dy }) => shared(x + dx, y + dy, image)));
+  const step = Math.max(1, places.length / MOST_FITTED);
+  const some = Array.from({ length: Math.floor(places.length / step) }, (_, index) => Math.floor(index * step)).flatMap((at) => places[at] ?? []);
+  const from = Float32Array.from(some.flatMap(({ x, y }) => shared(x, y, image)));
+  const to = Float32Array.from(some.flatMap(({ x, y, dx, dy }) => shared(x + dx, y + dy, image)));
   const homography = fitHomography(from, to, NOISE / UNITS);
   if (homography === undefined) return undefined;
   const cell = longer / CELLS;

@@ -79,6 +79,7 @@ export class RefitPanel {
     const { app, state } = this;
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
+    element("refit-why", HTMLParagraphElement).hidden = busy || app.document.corrections.length > 0;
     element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || !this.isServed;
     element(`side-${app.comparison.side}`, HTMLInputElement).checked = true;
     element("refit-figures", HTMLParagraphElement).textContent = app.comparison.candidate ? figures(app) : "";
@@ -91,7 +92,7 @@ const hasModel = ({ state }: RefitState): boolean => state === "finished" || sta
 function sentence({ state, said, run, file }: RefitState): string {
   if (state === "running" || state === "failed") return said;
   if (state === "cancelled") return "Cancelled; nothing was left behind.";
-  if (state === "finished") return "";
+  if (state === "finished") return "In colour the new model's tracks, thin and white the old one's. Play, look, then take the new model or reject it.";
   if (state === "taken") return `Taken: the run is ${run}, its model ${file}.`;
   if (state === "rejected") return `Rejected; the run is still there: ${run}.`;
   return "";
