@@ -2,39 +2,48 @@
 
 /** Parts of a mask that are smaller than this share of its largest are left out. */
 const SPECK = 1 / 200;
-/** Of alpha: more is the mask, what is less is its soft rim. */
+/** Of alpha: more is the mask, what is less and next to it is its soft rim. */
 const SOLID = 127;
 
-/** Makes transparent, with their rims, the parts of a picture that are tiny beside its largest. */
+/** Makes transparent what of a picture is neither a part of a mask, of those that are not tiny beside its largest, nor its rim. */
 export function removeSpecks({ data, width, height }: ImageData): void {
   const parts = partsOf(data, width, height);
-  const solid = parts.map((pixels) => pixels.reduce((count, pixel) => count + Number((data[4 * pixel + 3] ?? 0) > SOLID), 0));
-  const least = SPECK * solid.reduce((most, count) => Math.max(most, count), 1);
-  parts.forEach((pixels, part) => {
-    if ((solid[part] ?? 0) < least) for (const pixel of pixels) data[4 * pixel + 3] = 0;
-  });
+  const least = SPECK * parts.reduce((most, { length }) => Math.max(most, length), 0);
+  const kept = new Uint8Array(width * height);
+  for (const part of parts) {
+    if (part.length < least) continue;
+    for (const pixel of part) {
+      kept[pixel] = 1;
+      for (const rim of around(pixel, width, height)) if ((data[4 * rim + 3] ?? 0) <= SOLID) kept[rim] = 1;
+    }
+  }
+  for (let pixel = 0; pixel < kept.length; pixel++) if (kept[pixel] === 0) data[4 * pixel + 3] = 0;
 }
 
-/** The pixels of each part that is not transparent; corners that touch join two. */
+/** The pixels of each part that is solid; corners that touch join two. */
 function partsOf(data: Uint8ClampedArray, width: number, height: number): number[][] {
-  const seen = new Uint8Array(width * height);
+  const open = Uint8Array.from({ length: width * height }, (_, pixel) => Number((data[4 * pixel + 3] ?? 0) > SOLID));
   const parts: number[][] = [];
-  for (let first = 0; first < width * height; first++) {
-    if (seen[first] === 1 || data[4 * first + 3] === 0) continue;
+  for (let first = 0; first < open.length; first++) {
+    if (open[first] === 0) continue;
     const part = [first];
-    seen[first] = 1;
+    open[first] = 0;
     for (const pixel of part) { // grows while it is gone through
-      const [column, row] = [pixel % width, Math.floor(pixel / width)];
-      for (let y = Math.max(0, row - 1); y <= Math.min(height - 1, row + 1); y++) {
-        for (let x = Math.max(0, column - 1); x <= Math.min(width - 1, column + 1); x++) {
-          const next = y * width + x;
-          if (seen[next] === 1 || data[4 * next + 3] === 0) continue;
-          seen[next] = 1;
-          part.push(next);
-        }
+      for (const next of around(pixel, width, height)) {
+        if (open[next] === 0) continue;
+        open[next] = 0;
+        part.push(next);
       }
     }
     parts.push(part);
   }
   return parts;
+}
+
+/** A pixel and its eight neighbours, those that are there. */
+function* around(pixel: number, width: number, height: number): Generator<number> {
+  const [column, row] = [pixel % width, Math.floor(pixel / width)];
+  for (let y = Math.max(0, row - 1); y <= Math.min(height - 1, row + 1); y++) {
+    for (let x = Math.max(0, column - 1); x <= Math.min(width - 1, column + 1); x++) yield y * width + x;
+  }
 }
