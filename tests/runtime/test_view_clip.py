@@ -26,7 +26,7 @@ from view_page import ViewPage, opened
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-NAME, FRAMES, WIDTH, HEIGHT = "camel", 40, 192, 108
+NAME, FRAMES, WIDTH, HEIGHT = "camel", 34, 192, 108
 """Of DAVIS: a camel walks, and the camera follows."""
 QUICK = (
     "data.matching.intervals=[]",
@@ -34,7 +34,7 @@ QUICK = (
     "patch_stride: 3, descent_iterations: 25, refinement_iterations: 10, gradient_weight: 10}",
     "data.pool.points_per_frame=1024",
 )
-STEPS = 200
+STEPS = 180
 REFIT = (
     "import sys; from decomotion.cli import main; at = sys.argv.index('--time-budget'); "
     "sys.argv[at : at + 2] = ['--steps', '60']; sys.exit(main(sys.argv[1:]))"
@@ -138,11 +138,11 @@ def overlap(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> float:
 def put(view: ViewPage, row: int, shown: npt.NDArray[np.floating], target: npt.NDArray[np.floating]) -> None:
     """Drags the point of a row from where it is `shown`, [N, 2], or clicks where it belongs if another one is near."""
     if np.linalg.norm(np.delete(shown, row, axis=0) - shown[row], axis=1).min() > 8:
-        view.drag((shown[row, 0], shown[row, 1]), (target[0], target[1]))
+        view.drag(tuple(shown[row].tolist()), tuple(target.tolist()))
         return
     view.rows.nth(row).locator("input[type=text]").focus()
     view.page.locator("#place").click()
-    across, down = view.on_stage(target[0], target[1])
+    across, down = view.on_stage(*target.tolist())
     view.stage.click(position={"x": across, "y": down})
 
 
@@ -175,7 +175,7 @@ def test_corrected_tracks_are_nearer_to_the_annotation_after_a_refit_and_what_is
     before = fit.errors(tracker.track(fit.queries).xy)[rows]
     view.page.locator("#trails").fill("0")
     for row in rows:
-        view.click(*fit.xy[row, 0])
+        view.click(*fit.xy[row, 0].tolist())
     for frame in given:
         view.seek(frame)
         shown = view.tracks(tmp_path).xy[:, frame]
@@ -191,13 +191,15 @@ def test_corrected_tracks_are_nearer_to_the_annotation_after_a_refit_and_what_is
     after = np.where(fit.seen[rows], np.linalg.norm(view.tracks(tmp_path).xy - fit.xy[rows], axis=-1), np.nan)
     others = np.setdiff1d(known, given)
     assert np.nanmean(after[:, others]) < 0.6 * np.nanmean(before[:, others])
+    followed = rows[after[:, 30] < 3]
+    assert len(followed) >= 3
     view.clear()
 
     view.seek(0)
     choose(view, "brush")
     view.page.locator("#draw-colour").fill("#{:02x}{:02x}{:02x}".format(*BLUE))
     view.page.locator("#draw-size").fill("13")
-    for x, y in fit.xy[rows, 0]:
+    for x, y in fit.xy[followed, 0].tolist():
         view.drag((x - 1, y), (x + 1, y))
     view.seek(30)
 
@@ -205,10 +207,10 @@ def test_corrected_tracks_are_nearer_to_the_annotation_after_a_refit_and_what_is
         shown = cv2.resize(view.pixels(), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA).astype(int)
         return np.abs(shown - BLUE).max(axis=2) < 60
 
-    x, y = np.rint(fit.xy[rows, 30]).astype(int).T
+    x, y = np.rint(fit.xy[followed, 30]).astype(int).T
     for _ in range(40):
         if blue()[y, x].all():
             break
         view.page.wait_for_timeout(500)
-    assert blue()[y, x].mean() >= 0.8, blue()[y, x]
-    assert blue().mean() < 0.02 * len(rows)
+    assert blue()[y, x].all(), blue()[y, x]
+    assert blue().mean() < 0.02 * len(followed)

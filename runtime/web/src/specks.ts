@@ -14,7 +14,9 @@ export function removeSpecks({ data, width, height }: ImageData): void {
     if (part.length < least) continue;
     for (const pixel of part) {
       kept[pixel] = 1;
-      for (const rim of around(pixel, width, height)) if ((data[4 * rim + 3] ?? 0) <= SOLID) kept[rim] = 1;
+      around(pixel, width, height, (rim) => {
+        if ((data[4 * rim + 3] ?? 0) <= SOLID) kept[rim] = 1;
+      });
     }
   }
   for (let pixel = 0; pixel < kept.length; pixel++) if (kept[pixel] === 0) data[4 * pixel + 3] = 0;
@@ -28,22 +30,21 @@ function partsOf(data: Uint8ClampedArray, width: number, height: number): number
     if (open[first] === 0) continue;
     const part = [first];
     open[first] = 0;
-    for (const pixel of part) { // grows while it is gone through
-      for (const next of around(pixel, width, height)) {
-        if (open[next] === 0) continue;
-        open[next] = 0;
-        part.push(next);
-      }
-    }
+    const grow = (next: number): void => {
+      if (open[next] === 0) return;
+      open[next] = 0;
+      part.push(next);
+    };
+    for (const pixel of part) around(pixel, width, height, grow); // it grows while it is gone through
     parts.push(part);
   }
   return parts;
 }
 
-/** A pixel and its eight neighbours, those that are there. */
-function* around(pixel: number, width: number, height: number): Generator<number> {
+/** Goes to a pixel and its eight neighbours, those that are there. */
+function around(pixel: number, width: number, height: number, act: (pixel: number) => void): void {
   const [column, row] = [pixel % width, Math.floor(pixel / width)];
   for (let y = Math.max(0, row - 1); y <= Math.min(height - 1, row + 1); y++) {
-    for (let x = Math.max(0, column - 1); x <= Math.min(width - 1, column + 1); x++) yield y * width + x;
+    for (let x = Math.max(0, column - 1); x <= Math.min(width - 1, column + 1); x++) act(y * width + x);
   }
 }
