@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import io
 import logging
 import os
@@ -18,12 +19,18 @@ from decomotion.errors import InputError, TrainingError
 from decomotion.extras import remedy
 from decomotion.files import DISK_FAILURES
 
+if sys.platform == "win32":
+    import _winapi
+    import msvcrt
+
 BAD_INPUT = 2
 INTERRUPTED = 130
 ENDS_WITH_STDIN = "DECOMO_ENDS_WITH_STDIN"
 """Environment variable: with it a command ends when its standard input is closed, as whoever began it has ended."""
 PATIENCE = 20
 """Seconds that such a command has to end as by Ctrl-C; a fit saves itself then."""
+_GLANCE = 0.5
+"""Seconds between two looks at standard input on Windows."""
 OUR_PACKAGES = ("decomotion", "decomo_export", "decomo_runtime", "decomo_eval")
 
 
@@ -82,11 +89,29 @@ def versioned(command: click.Command) -> click.Command:
 
 def _end_with_stdin() -> None:
     with suppress(OSError, ValueError):
-        while os.read(sys.stdin.fileno(), 1):
-            pass
-    os.kill(os.getpid(), signal.SIGINT)
+        _wait_for_end_of(sys.stdin.fileno())
+    if sys.platform == "win32":
+        _thread.interrupt_main()  # there `os.kill` ends a process at once
+    else:
+        os.kill(os.getpid(), signal.SIGINT)
     time.sleep(PATIENCE)
     os._exit(INTERRUPTED)
+
+
+if sys.platform == "win32":
+
+    def _wait_for_end_of(pipe: int) -> None:
+        """Looks now and then: while a thread reads a pipe, Windows lets nobody ask about it, as numpy's import does."""
+        handle = msvcrt.get_osfhandle(pipe)
+        while True:
+            _winapi.PeekNamedPipe(handle, 0)  # raises BrokenPipeError at the end
+            time.sleep(_GLANCE)
+
+else:
+
+    def _wait_for_end_of(pipe: int) -> None:
+        while os.read(pipe, 1):
+            pass
 
 
 @contextmanager

@@ -93,7 +93,13 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-TOGETHER = ("tests/export/", "tests/decomotion/test_metamorphic.py", "tests/test_wheel.py", "tests/eval/test_bench.py")
+TOGETHER = (
+    "tests/export/",
+    "tests/decomotion/test_metamorphic.py",
+    "tests/test_wheel.py",
+    "tests/eval/test_bench.py",
+    "tests/runtime/test_view_clip.py",
+)
 """Tests that share what takes long to make, or fill two cores: they stay on one worker."""
 WORKERS = 2
 """Of the whole suite; each holds torch, 1.5 GiB. Chosen files or folders are tested without."""

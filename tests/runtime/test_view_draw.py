@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
-from decomo_runtime import Tracker, Tracks, propagate_files
+from decomo_runtime import Edit, Tracker, Tracks, draw_edits, propagate_files
+from decomo_runtime.options import STATIC
 from decomo_runtime.render_cli import main as render_main
 from tiny_model import VELOCITY, write_tiny_model
 
@@ -198,6 +199,54 @@ def test_what_is_of_the_objects_is_only_on_them(view: ViewPage):
         for frame, colour in zip((2, 4, 6), colours, strict=True):
             view.seek(frame)
             expect_colour(view, *moved(25, 18, frame - 4), colour)
+
+
+OBJECT_SIDE = 20
+BEHIND = {
+    "displacement = Mul(elapsed_xy, velocity)": f"""
+    two = Constant <value = int64[1] {{2}}> ()
+    side = Constant <value = float {{{OBJECT_SIDE}.0}}> ()
+    x = Slice(queries, middle, two, middle)
+    on_object = Less(x, side)
+    on_scene = Not(on_object)
+    scene = Cast<to = 1>(on_scene)
+    scene_xy = Unsqueeze(scene, last)
+    if_scene = Mul(elapsed_xy, velocity)
+    displacement = Mul(if_scene, scene_xy)""",
+    "occlusion = Div(distance, num_frames)": """
+    target_x = Slice(tracks, first, middle, two)
+    target = Squeeze(target_x, last)
+    behind = Less(target, side)
+    hidden = And(behind, on_scene)
+    occlusion = Cast<to = 1>(hidden)""",
+    "static_confidence = Div(time, num_frames)": "static_confidence = Squeeze(scene, last)",
+}
+"""Of the tiny model: an object stands still left of x = 20, and the scene moves by behind it."""
+
+
+def test_what_is_on_the_scene_goes_on_behind_objects_as_the_command_has_it(
+    chromium: Browser, clip: Path, tmp_path: Path
+):
+    path = tmp_path / "slide.onnx"
+    model = write_tiny_model(path, num_frames=NUM_FRAMES, height=HEIGHT, width=WIDTH, clip_name="slide", rename=BEHIND)
+    box, later = ((8, 8), (32, 28)), 6
+    with opened(chromium, tmp_path / "site", model, clip) as view:
+        view.seek(1)
+        choose(view, "box", RED)
+        view.page.locator("#draw-on").select_option("static")
+        view.drag(*box)
+        for frame in (1, 1 + later):
+            view.seek(frame)
+            expect_colour(view, 30, 18, RED)
+            expect_colour(view, 14, 18, (GREY,) * 3)  # the object is in front
+        expect_colour(view, OBJECT_SIDE + 3, 18, RED)  # when it was drawn, the object stood before it
+        expect_colour(view, *moved(34, 18, later), (GREY,) * 3)
+        zipped = in_zip(view.save("drawings.zip", tmp_path))
+    edit = next(Edit(rgba(content), 1, STATIC) for name, content in zipped.items() if name.startswith("edits/"))
+    tracker, blank = Tracker(model, threads=1), np.zeros((NUM_FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    for frame, of_command in enumerate(draw_edits(tracker, blank, [edit], range(NUM_FRAMES), alone=True)):
+        here, there = (picture[..., 3] > 127 for picture in (rgba(zipped[f"frames/{frame:05d}.png"]), of_command))
+        assert (here & there).sum() / (here | there).sum() > 0.85, frame
 
 
 def test_saved_layers_are_opened_again_and_drawn_by_decomo_render(

@@ -10,20 +10,17 @@ import os
 import re
 import secrets
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import IO, Literal
 
 from decomo_runtime.errors import ViewError
+from decomo_runtime.view.processes import PATIENCE, begin, end
 from decomo_runtime.view.site import model_path, point_to
-from decomotion.console import ENDS_WITH_STDIN
 from decomotion.errors import InputError
 from decomotion.files import new_folder, replacing
 from decomotion.outputs import check_new_folder
@@ -33,8 +30,6 @@ TRAIN = (sys.executable, "-m", "decomotion.cli")
 EXPORT = (sys.executable, "-m", "decomo_export.cli")
 MOST_LINE = 300
 """Characters of a line that are shown."""
-PATIENCE = 5.0
-"""Seconds in which processes that are told to end must do so before they are killed."""
 _BAR = re.compile(r"^(?P<what>.*?)\s*(?P<percent>\d+)%\|.*\|\s*(?P<more>.*)$")
 """A progress bar as tqdm draws it."""
 
@@ -186,14 +181,7 @@ class Refits:
         self._say(State(number, "running", said=f"Starting {name} …"))
         if self._cancelled.is_set():
             raise _CancelledError
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,  # never written to: it closes when this process ends, and so ends the command
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env={**os.environ, ENDS_WITH_STDIN: "1"},
-            start_new_session=True,
-        )
+        process = begin(command)
         with process:
             assert process.stdout is not None
             reader = threading.Thread(target=said.listen, args=(process.stdout,), daemon=True)
@@ -201,7 +189,7 @@ class Refits:
             while process.poll() is None and not self._cancelled.wait(0.1):
                 pass
             cancelled = process.poll() is None
-            _end_group(process)
+            end(process)
             reader.join(PATIENCE)
         if cancelled:
             raise _CancelledError
@@ -243,13 +231,3 @@ class _Said:
         elif text:
             self.last = text
             self._tell(text, None)
-
-
-def _end_group(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process, if it has not ended, and all that it began: asked first, then killed."""
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGTERM)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(PATIENCE)
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait(PATIENCE)

@@ -1,81 +1,62 @@
-/** The page: one model, its clip, the points and what is shown of them. */
+/** The page: one model, the points and drawings of the user, and what is shown of them. */
 
-import { Clip, type ClipRecord } from "./clip";
-import { type Draft, Document, type Point, changed, corrected, withoutPoint } from "./document";
+import type { ClipRecord } from "./clip";
+import { Comparison, type Side } from "./comparison";
+import { type Draft, Document, type Point, withoutPoint } from "./document";
 import type { Scene } from "./draw";
-import { type Place, clampPlace, gridCells, gridInside, roundPlace } from "./geometry";
-import { HeatMaps, paintHeat } from "./heat";
-import { LAYERS, type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
+import { Following } from "./following";
+import type { Place } from "./geometry";
+import { LAYERS, type Layer } from "./layers";
 import { type Files, Model } from "./model/client";
 import { unit } from "./model/errors";
-import { InputError } from "./model/facts";
-import type { Tracked } from "./model/protocol";
+import { Pictures } from "./pictures";
 import { Sketch } from "./sketch";
 import { inPixels, leastSure, neighbour } from "./sureness";
-import { Answers, type Followed, splitTracks } from "./tracks";
+import { Answers, type Followed } from "./tracks";
 import { CorrectionRows } from "./ui/corrections";
 import { DrawingRows } from "./ui/drawings";
 import { PointRows } from "./ui/list";
 import { Player } from "./ui/player";
 import type { View } from "./ui/view";
 
-const MOST_POINTS_AT_ONCE = 400;
-/** Of a grid's box, most of which a lasso may leave out. */
-const MOST_CELLS = 100 * MOST_POINTS_AT_ONCE;
 const DEFAULT_TRAIL = 12;
-const MOST_CANVASES = 8;
-
-/** What is shown while a refitted model waits for a verdict. */
-export const SIDES = ["old", "both", "new"] as const;
-export type Side = (typeof SIDES)[number];
-
-/** A refitted model beside the one that is open. */
-interface Candidate {
-  readonly path: string;
-  readonly model: Model;
-  readonly answers: Answers;
-}
 
 export class App {
   readonly document = new Document(() => this.onDocument());
   /** The points of the document, with the tracks that the open model gives them. */
   followed: readonly Followed[] = [];
   readonly player: Player;
+  readonly pictures = new Pictures(
+    (frame) => (frame === undefined ? this.show() : this.onPicture(frame)),
+    (error) => this.view.alert(error),
+  );
   /** What is drawn over the picture. */
   readonly sketch = new Sketch(
     this.document,
     (frame) => (frame === undefined ? this.show() : this.onPicture(frame)),
     (error) => this.view.alert(error),
   );
+  readonly comparison = new Comparison(this.document, () => this.onDocument());
   selected: number | undefined;
-  layer: Layer = "fused";
-  split: Layer | undefined;
-  splitAt = 0.5;
   trail = DEFAULT_TRAIL;
   /** Whether tracks have the colours of their expected errors, and whether these are shown over the picture. */
   byError = false;
   heatShown = false;
-  model: Model | undefined;
-  clip: Clip | undefined;
-  candidate: Candidate | undefined;
-  side: Side = "both";
-  /** Hears when the document, or a model's answers, have changed. */
-  onContent: () => void = () => {};
-  private answers = new Answers();
   /** Where the open model is from. */
   files: Files | undefined;
+  /** Hears when the document, or a model's answers, have changed. */
+  onContent: () => void = () => {};
   private path = "";
-  private renderer: LayerRenderer | undefined;
-  private heatMaps: HeatMaps | undefined;
+  private readonly following = new Following(this.document, {
+    onAnswers: () => this.onDocument(),
+    onAdded: (id) => this.select(id),
+    onProgress: (text) => this.view.status(text),
+  });
   private readonly rows: PointRows;
   private readonly correctionRows: CorrectionRows;
   private readonly drawingRows: DrawingRows;
-  /** The last canvases that were painted with parts of rasters. */
-  private readonly rasterCanvases = new Map<ImageData, OffscreenCanvas>();
   private redraw = 0;
   private opening = 0;
-  /** Askings whose points are on the list while more of their tracks is to come. */
-  private unfinished = 0;
 
   constructor(private readonly view: View) {
     this.player = new Player(
@@ -86,6 +67,10 @@ export class App {
     this.rows = new PointRows(view.list, this.document, events);
     this.correctionRows = new CorrectionRows(view.corrections, this.document, events);
     this.drawingRows = new DrawingRows(view.drawings, this.document, this.sketch, (frame) => this.player.seek(frame));
+  }
+
+  get model(): Model | undefined {
+    return this.following.model;
   }
 
   /**
@@ -101,158 +86,57 @@ export class App {
         model.close();
         return;
       }
-      this.dropCandidate();
+      this.comparison.drop();
       this.files = files;
       this.use(model, path, new Answers());
       this.document.reset();
       this.selected = undefined;
       this.player.load(model.facts);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
-      this.split = undefined;
-      this.keepClip();
-      this.layer = this.clip ? "clip" : "fused";
-      this.view.opened(model, this.clip !== undefined);
+      this.pictures.begin();
+      this.view.opened(model, this.pictures.hasClip);
     } finally {
       if (turn === this.opening) this.view.loading(undefined);
     }
     this.show();
   }
 
-  /** Opens a refitted model of the same clip beside the one that is open, and asks it for all points. */
+  /** Opens a refitted model of the same clip beside the one that is open. */
   async openCandidate(path: string, files: Files): Promise<void> {
-    if (path === this.path || path === this.candidate?.path) return;
-    const [model, beside] = [await Model.open(path, files), this.model];
-    if (beside === undefined || !sameClip(model, beside)) {
-      model.close();
-      throw new InputError(`${path} is not a model of the clip that is open; start 'decomo-view' again.`);
-    }
-    this.dropCandidate();
-    this.candidate = { path, model, answers: new Answers() };
-    this.onDocument();
-    await this.completeCandidate();
+    if (path !== this.path) await this.comparison.open(path, files, () => this.model);
   }
 
   /** Goes on with the refitted model in place of the old one; the document stays. */
   async takeCandidate(): Promise<void> {
-    await this.completeCandidate();
-    const candidate = this.candidate;
+    const candidate = await this.comparison.take();
     if (candidate === undefined) return;
-    this.candidate = undefined;
     this.use(candidate.model, candidate.path, candidate.answers);
-    this.view.facts(candidate.model, this.clip !== undefined);
-    this.onDocument();
-  }
-
-  dropCandidate(): void {
-    this.candidate?.model.close();
-    this.candidate = undefined;
+    this.view.facts(candidate.model, this.pictures.hasClip);
     this.onDocument();
   }
 
   showSide(side: Side): void {
-    this.side = side;
+    this.comparison.side = side;
     this.show();
-  }
-
-  /** The points of the document with the tracks that the refitted model gives them. */
-  refollowed(): readonly Followed[] {
-    return this.candidate?.answers.follow(this.document.content) ?? [];
-  }
-
-  private use(model: Model, path: string, answers: Answers): void {
-    this.model?.close();
-    this.renderer?.close();
-    this.heatMaps?.cancel();
-    Object.assign(this, { model, path, answers });
-    this.renderer = new LayerRenderer(
-      model.facts,
-      (queries) => model.render(queries),
-      (frame) => this.onPicture(frame),
-      (error) => this.view.alert(error),
-    );
-    this.sketch.use(model);
-    this.heatMaps = new HeatMaps(
-      model.facts,
-      (queries, frames) => model.glance(queries, frames),
-      (frame) => this.onPicture(frame),
-      (error) => this.view.alert(error),
-    );
-    void model.tryWebgpu().then(() => {
-      if (model === this.model) this.view.facts(model, this.clip !== undefined);
-    });
-  }
-
-  /** Asks the refitted model for what it has not answered yet, of points that undo and redo can bring too. */
-  private async completeCandidate(): Promise<void> {
-    const { candidate } = this;
-    if (candidate === undefined) return;
-    const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
-    if (missing.length === 0) return;
-    const answer = await candidate.model.track(queriesOf(missing));
-    candidate.answers.set(missing, splitTracks(answer, missing, candidate.model.facts));
-    this.onDocument();
   }
 
   /** Shows the clip that `site.json` beside the page names. */
   openServedClip(record: ClipRecord): void {
-    const facts = this.model?.facts;
-    if (facts === undefined) return;
-    const load = async (frame: number): Promise<Blob> => (await fetch(record.frames[frame] ?? "")).blob();
-    this.setClip(new Clip(record.frames.length, facts, load, () => this.show(), (error) => this.view.alert(error)));
+    this.pictures.openServed(record);
+    this.onClip();
   }
 
   /** Shows image files as the clip; `InputError` where they are not the model's. */
   async openFrames(files: readonly File[]): Promise<void> {
-    const facts = this.model?.facts;
-    if (facts === undefined) throw new InputError("Open a model before the frames of its clip.");
-    this.setClip(await Clip.fromFiles(files, facts, () => this.show(), (error) => this.view.alert(error)));
+    await this.pictures.openFiles(files);
+    this.onClip();
   }
 
-  /**
-   * Asks the model for the tracks of `drafts` and puts the points on the list, as one step: as soon as the first window
-   * has answered, and with more of their tracks as the others do.
-   */
+  /** Asks the model for the tracks of `drafts` and puts the points on the list, as one step. */
   async addPoints(drafts: readonly Draft[]): Promise<void> {
-    const model = this.model;
-    if (model === undefined || drafts.length === 0) return;
-    const { numFrames, occlusionThreshold } = model.facts;
-    const start = performance.now();
-    const what = drafts.length === 1 ? "the point" : `${drafts.length} points`;
-    const onProgress = (share: number): void => {
-      if (share < 1 && model === this.model) this.view.status(`Following ${what} … ${Math.round(100 * share)} %`);
-    };
-    let begun = false;
-    let added: readonly Point[] = [];
-    const onPart = (part: Tracked): void => {
-      if (model !== this.model) return;
-      this.answers.set(drafts, splitTracks(part, drafts, model.facts));
-      if (begun) return this.onDocument();
-      begun = true;
-      this.unfinished++;
-      added = this.document.add(drafts);
-      this.select(added[0]?.id ?? this.selected);
-    };
-    let answer: Tracked;
-    try {
-      answer = await model.track(queriesOf(drafts), onProgress, onPart);
-    } catch (error) {
-      if (model !== this.model) return;
-      this.document.forget(added);
-      throw error;
-    } finally {
-      if (begun) this.unfinished--;
-      this.onDocument();
-    }
-    await this.completeCandidate();
-    const [first] = added;
-    if (first === undefined || model !== this.model) return;
-    const milliseconds = performance.now() - start;
-    const seen = answer.occlusion.filter((score) => score <= occlusionThreshold).length;
-    const found =
-      added.length === 1
-        ? `${first.name} at (${first.x}, ${first.y}) of frame ${first.t}: in sight in ${seen} of ${numFrames} frames`
-        : `${added.length} points in ${numFrames} frames`;
-    this.view.answered(`${found}; answered in ${Math.round(milliseconds)} ms.`, milliseconds);
+    const added = await this.following.add(drafts);
+    await this.comparison.complete();
+    if (added) this.view.answered(`${added.found}; answered in ${Math.round(added.milliseconds)} ms.`, added.milliseconds);
   }
 
   addAt(place: Place, t: number): Promise<void> {
@@ -261,16 +145,7 @@ export class App {
 
   /** A grid of points in `polygon` of frame t, `spacing` pixels apart. */
   async addArea(polygon: readonly Place[], t: number, spacing: number): Promise<void> {
-    if (this.model === undefined) return;
-    if (gridCells(polygon, spacing, this.model.facts) > MOST_CELLS) {
-      throw new InputError(`That area holds far more than ${MOST_POINTS_AT_ONCE} points; raise the spacing.`);
-    }
-    const places = gridInside(polygon, spacing, this.model.facts);
-    if (places.length === 0) throw new InputError("No point fits in so small an area; draw a larger one or lessen the spacing.");
-    if (places.length > MOST_POINTS_AT_ONCE) {
-      throw new InputError(`That area holds ${places.length} points, more than ${MOST_POINTS_AT_ONCE}; raise the spacing.`);
-    }
-    await this.addPoints(places.map((place) => ({ t, ...place })));
+    await this.addPoints(this.following.grid(polygon, t, spacing));
   }
 
   /** Says that a point is at `place` in frame t; in the frame in which it was placed, it is placed there instead. */
@@ -278,8 +153,8 @@ export class App {
     const point = this.pointOf(id);
     if (point === undefined) return;
     this.select(id);
-    if (t === point.t) return this.move(point, place);
-    this.document.change((content) => corrected(content, { point: id, t, place }));
+    await this.following.correct(point, place, t);
+    await this.comparison.complete();
   }
 
   /** A point is taken hold of: the picture stands still. */
@@ -293,21 +168,18 @@ export class App {
     this.player.step(t - this.player.frame);
   }
 
-  /** Says that the selected point is hidden in the frame shown, or in sight where it is shown. */
+  /** Says that the selected point is hidden, or in sight where it is shown, in the frame that is seen, which stays. */
   mark(hidden: boolean): void {
-    const { frame } = this.player;
     const point = this.followed.find(({ id }) => id === this.selected);
-    if (point === undefined || this.model === undefined) return;
-    if (point.t === frame) throw new InputError(`${point.name} was placed in frame ${frame}: it is in sight there. Mark it in another frame.`);
-    const { xy } = point.track;
-    const shown = roundPlace(clampPlace({ x: xy[2 * frame] ?? 0, y: xy[2 * frame + 1] ?? 0 }, this.model.facts));
-    this.document.change((content) => corrected(content, { point: point.id, t: frame, place: hidden ? null : shown }));
+    if (point === undefined) return;
+    this.pauseAt(this.pictures.nearest(this.player.frame)); // it may stand in for another
+    this.following.mark(point, this.player.frame, hidden);
   }
 
   /** Marks the selected point as what it is not shown as. */
   markOther(): void {
     const point = this.followed.find(({ id }) => id === this.selected);
-    if (point !== undefined) this.mark(point.track.occluded[this.player.frame] !== true);
+    if (point !== undefined) this.mark(point.track.occluded[this.pictures.nearest(this.player.frame)] !== true);
   }
 
   select(id: number | undefined): void {
@@ -328,9 +200,9 @@ export class App {
       if (this.model === undefined) return;
       const { frame } = this.player;
       this.isReady(frame); // asks for its pictures
-      const shown = this.frameToShow(frame);
-      const heat = this.heatShown ? this.heatOf(shown) : undefined;
-      this.view.stage.show({ ...this.scene(shown, (layer) => this.pictureHad(layer, shown)), heat });
+      const shown = this.pictures.nearest(frame);
+      const heat = this.heatShown ? this.pictures.heat(shown) : undefined;
+      this.view.stage.show({ ...this.scene(shown), ...this.pictures.shown(shown), drawings: this.sketch.shown(shown), heat });
       this.view.showFrame(this, this.model.facts.numFrames, shown);
       this.rows.showFrame(frame, this.model.facts.numFrames);
     });
@@ -338,27 +210,25 @@ export class App {
 
   /** The scenes of a video, their pictures waited for: what is shown now, whatever is clicked meanwhile. */
   finishedScenes(): (frame: number) => Promise<Scene> {
-    const { layer, split, clip, renderer } = this;
-    const drawings = this.sketch.finished();
-    const now = { ...this.scene(0, () => undefined), selected: undefined };
-    const layers = this.layersShown;
+    const [drawings, pictures] = [this.sketch.finished(), this.pictures.finished()];
+    const now = { ...this.scene(0), selected: undefined };
     return async (frame) => {
       const painted = await drawings(frame);
-      const raster = layers.every((of) => of === "clip") ? undefined : await renderer?.wait(frame);
-      const own = layers.includes("clip") ? await clip?.wait(frame) : undefined; // last: it is closed when others need its room
-      const picture = (of: Layer): CanvasImageSource | undefined => (of === "clip" ? own : this.canvasOf(raster, of));
-      return { ...now, frame, left: picture(layer), right: split && picture(split), drawings: painted };
+      return { ...now, ...(await pictures(frame)), frame, drawings: painted };
     };
   }
 
-  available(layer: Layer): boolean {
-    return layer !== "clip" || this.clip !== undefined;
+  showLayer(layer: Layer | undefined): void {
+    if (layer === undefined || !this.pictures.available(layer) || this.model === undefined) return;
+    this.pictures.layer = layer;
+    this.view.layers(LAYERS, this.pictures);
+    this.show();
   }
 
-  showLayer(layer: Layer | undefined): void {
-    if (layer === undefined || !this.available(layer) || this.model === undefined) return;
-    this.layer = layer;
-    this.view.layers(LAYERS, this);
+  /** Shows a layer right of the split; undefined: none. */
+  showSplit(layer: Layer | undefined): void {
+    this.pictures.split = layer;
+    this.view.layers(LAYERS, this.pictures);
     this.show();
   }
 
@@ -369,7 +239,7 @@ export class App {
 
   showHeat(on: boolean): void {
     this.heatShown = on;
-    if (!on) this.heatMaps?.cancel();
+    if (!on) this.pictures.cancelHeat();
     this.onDocument();
   }
 
@@ -382,37 +252,35 @@ export class App {
     this.view.status(`${this.pointOf(moment.id)?.name ?? ""} in frame ${moment.frame}: expected within ${inPixels(moment.error)} px.`);
   }
 
-  private keepClip(): void {
-    const facts = this.model?.facts;
-    if (this.clip === undefined || facts === undefined) return;
-    try {
-      this.clip.check(facts);
-    } catch (error) {
-      this.clip.close();
-      this.clip = undefined;
-      this.view.alert(error);
-    }
+  private use(model: Model, path: string, answers: Answers): void {
+    this.model?.close();
+    this.path = path;
+    this.following.use(model, answers);
+    this.pictures.use(model);
+    this.sketch.use(model);
+    void model.tryWebgpu().then(() => {
+      if (model === this.model) this.view.facts(model, this.pictures.hasClip);
+    });
   }
 
-  private setClip(clip: Clip): void {
-    this.clip?.close();
-    this.clip = clip;
-    this.layer = "clip";
-    if (this.model) this.view.facts(this.model, true);
-    this.view.layers(LAYERS, this);
+  /** Another clip is there. */
+  private onClip(): void {
+    if (this.model) this.view.facts(this.model, this.pictures.hasClip);
+    this.view.layers(LAYERS, this.pictures);
     this.show();
   }
 
-  private scene(frame: number, picture: (layer: Layer) => CanvasImageSource | undefined): Scene {
-    if (this.model === undefined) throw new Error("no model is open");
+  /** A frame's points, without its pictures. */
+  private scene(frame: number): Scene {
+    const { model } = this;
+    if (model === undefined) throw new Error("no model is open");
     return {
-      image: this.model.facts,
+      image: model.facts,
       frame,
-      left: picture(this.layer),
-      right: this.split && picture(this.split),
-      split: this.splitAt,
-      drawings: this.sketch.shown(frame),
-      ...this.pointsShown(),
+      left: undefined,
+      split: this.pictures.splitAt,
+      drawings: [],
+      ...this.comparison.shown(this.followed),
       selected: this.selected,
       trail: this.trail,
       errorUnit: this.errorUnit,
@@ -424,97 +292,27 @@ export class App {
     return this.byError && this.model ? unit(this.model.facts) : undefined;
   }
 
-  private heatOf(frame: number): OffscreenCanvas | undefined {
-    const map = this.heatMaps?.get(frame);
-    return map && this.model && paintHeat(map, unit(this.model.facts));
-  }
-
-  /** The clip's stands in for a layer of which nothing is rendered yet. */
-  private pictureHad(layer: Layer, frame: number): CanvasImageSource | undefined {
-    return (layer === "clip" ? undefined : this.canvasOf(this.renderer?.peek(frame), layer)) ?? this.clip?.peek(frame);
-  }
-
-  private canvasOf(raster: Raster | undefined, layer: Rendered): OffscreenCanvas | undefined {
-    const pixels = raster?.pixels[layer];
-    if (pixels === undefined) return undefined;
-    const had = this.rasterCanvases.get(pixels);
-    if (had !== undefined) return had;
-    const canvas = new OffscreenCanvas(pixels.width, pixels.height);
-    canvas.getContext("2d")?.putImageData(pixels, 0, 0);
-    this.rasterCanvases.set(pixels, canvas);
-    for (const oldest of this.rasterCanvases.keys()) {
-      if (this.rasterCanvases.size <= MOST_CANVASES) break;
-      this.rasterCanvases.delete(oldest);
-    }
-    return canvas;
-  }
-
-  /** The frame, or while its pictures are still to come the nearest that has them: nothing is black where something is. */
-  private frameToShow(frame: number): number {
-    const { numFrames } = this.model?.facts ?? { numFrames: 0 };
-    for (let apart = 0; apart < numFrames; apart++) {
-      for (const near of [frame - apart, frame + apart]) if (this.layersShown.every((layer) => this.has(layer, near))) return near;
-    }
-    return frame;
-  }
-
-  private get layersShown(): Layer[] {
-    return this.split === undefined ? [this.layer] : [this.layer, this.split];
-  }
-
-  private has(layer: Layer, frame: number): boolean {
-    return (layer === "clip" ? this.clip : this.renderer)?.peek(frame) !== undefined;
-  }
-
   /** True where playing need not wait for a frame; asks for its pictures. */
   private isReady(frame: number): boolean {
-    const pictures = this.layersShown.map((layer) => (layer === "clip" ? this.clip : this.renderer)?.get(frame));
-    return pictures.every((picture) => picture !== undefined) && this.sketch.isReady(frame);
+    return this.pictures.ask(frame) && this.sketch.isReady(frame);
   }
 
   private onPicture(frame: number): void {
-    if (frame === this.player.frame || !this.layersShown.every((layer) => this.has(layer, this.player.frame))) this.show();
-  }
-
-  /** While a refitted model waits: what the models answer, the track that is compared with as a ghost. */
-  private pointsShown(): Pick<Scene, "points" | "ghosts"> {
-    if (this.candidate === undefined) return { points: this.followed, ghosts: [] };
-    const plain = (all: readonly Followed[]): readonly Followed[] => all.map((each) => ({ ...each, track: each.answer }));
-    if (this.side === "old") return { points: plain(this.followed), ghosts: [] };
-    return { points: plain(this.refollowed()), ghosts: this.side === "both" ? plain(this.followed) : [] };
+    if (frame === this.player.frame || !this.pictures.has(this.player.frame)) this.show();
   }
 
   private pointOf(id: number): Point | undefined {
     return this.document.points.find((point) => point.id === id);
   }
 
-  /** Places a point elsewhere in its own frame, and follows it from there. */
-  private async move({ id, t }: Point, place: Place): Promise<void> {
-    const model = this.model;
-    if (model === undefined) return;
-    const query = { t, ...place };
-    if (this.answers.get(query) === undefined) {
-      const answer = await model.track(queriesOf([query]));
-      if (model !== this.model) return;
-      this.answers.set([query], splitTracks(answer, [query], model.facts));
-    }
-    this.document.change((content) => changed(content, id, place));
-    await this.completeCandidate();
-  }
-
   private onDocument(): void {
     if (!this.document.points.some(({ id }) => id === this.selected)) this.selected = this.document.points.at(-1)?.id;
-    this.followed = this.answers.follow(this.document.content);
+    this.followed = this.following.followed();
     this.rows.update(this.followed, this.selected, this.errorUnit);
     this.drawingRows.update();
     this.correctionRows.update();
-    this.view.content(this, this.unfinished > 0);
+    this.view.content(this, this.following.isUnfinished);
     this.onContent();
     this.show();
   }
 }
-
-const queriesOf = (queries: readonly Draft[]): Float32Array => Float32Array.from(queries.flatMap(({ t, x, y }) => [t, x, y]));
-
-const sameClip = ({ facts: a }: Model, { facts: b }: Model): boolean =>
-  a.numFrames === b.numFrames && a.width === b.width && a.height === b.height;

@@ -4,7 +4,9 @@ import type { Carrier, Wanted } from "./carrier";
 import { type Drawing, type Mark, drawnFrames } from "./drawings";
 import type { Size } from "./geometry";
 import { areDecoded, blank, drawMarks } from "./marks";
-import { type CarryMap, type Cel, type Shares, type Warped, boundsOf, warp } from "./warp";
+import { sceneMap } from "./scene_map";
+import { removeSpecks } from "./specks";
+import { type CarryMap, type Cel, SAME, type Shares, type Warped, boundsOf, warp } from "./warp";
 
 /** A layer in one frame: `scale` pixels of its canvas for each of the clip's, from (left, top) of that canvas's on. */
 export interface Painted {
@@ -78,7 +80,7 @@ export class Painter {
   carriedMask(frame: number, { marks }: Drawing): Uint8Array {
     const { width, height } = this.image;
     const alpha = new Uint8Array(width * height);
-    const { pixels, left, top } = this.warped(frame, marks, 1) ?? { pixels: undefined, left: 0, top: 0 };
+    const { pixels, left, top } = this.carried(frame, marks, 1) ?? { pixels: undefined, left: 0, top: 0 };
     for (let row = 0; pixels && row < pixels.height; row++) {
       for (let column = 0; column < pixels.width; column++) {
         if ((pixels.data[4 * (row * pixels.width + column) + 3] ?? 0) > 127) alpha[(top + row) * width + left + column] = 255;
@@ -102,7 +104,8 @@ export class Painter {
       const canvas = own === undefined && kind === "paint" ? sheet : this.drawnOn(sheet, own ?? [], kind === "mask" ? drawing.colour : undefined);
       painted = { canvas, left: 0, top: 0, scale: this.scale, alpha };
     } else {
-      const warped = this.warped(frame, marks, this.scale, shares && { shares, moving: drawing.on === "dynamic" });
+      const owned = shares && { shares, moving: drawing.on === "dynamic" };
+      const warped = kind === "mask" ? this.carried(frame, marks, this.scale) : this.warped(frame, marks, this.scale, owned);
       painted = warped && { ...this.onCanvas(warped, kind === "mask" ? drawing.colour : undefined), scale: this.scale, alpha };
     }
     const finished = own === undefined && areDecoded(marks, this.onDecoded);
@@ -126,12 +129,21 @@ export class Painter {
     return { canvas, left, top };
   }
 
+  /** The marks of a mask. */
+  private carried(frame: number, marks: readonly Mark[], scale: number): Warped | undefined {
+    const warped = this.warped(frame, marks, scale);
+    if (warped !== undefined) removeSpecks(warped.pixels);
+    return warped;
+  }
+
   /** The marks of all frames that were drawn on, the nearest in time first. */
   private warped(frame: number, marks: readonly Mark[], scale: number, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
     const frames = [...new Set(marks.map(({ t }) => t))].sort((a, b) => Math.abs(a - frame) - Math.abs(b - frame));
     const sources = frames.flatMap((t) => {
-      const map = this.carrier.map(frame, t);
-      return map === undefined ? [] : [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
+      const seen = this.carrier.map(frame, t);
+      if (seen === undefined) return [];
+      const map = owned === undefined || owned.moving || seen === SAME ? seen : sceneMap(seen, owned.shares, this.image);
+      return [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
     });
     return warp(sources, this.image, owned);
   }

@@ -12,7 +12,6 @@ import pytest
 from decomo_runtime import AnnotationError, Tracks, propagate
 from decomo_runtime.propagation.outlines import box_around, filled, outlines
 from decomo_runtime.propagation.points import carry_points
-from decomo_runtime.propagation.regions import without_specks
 from decomo_runtime.propagation.report import Report
 from decomo_runtime.propagation.rim import Guide
 from decomo_runtime.propagation.shapes import Annotation, Kind, Shape, Thing
@@ -212,13 +211,6 @@ def test_a_polygon_is_the_pixels_of_which_half_is_within():
     np.testing.assert_array_equal(filled([polygon], (7, 9)), truth)
     np.testing.assert_array_equal(filled([polygon + 0.4], (7, 9)), truth)
     assert not filled([polygon + 20], (7, 9)).any()
-
-
-def test_specks_are_left_out_and_parts_are_not():
-    y, x = np.mgrid[:60, :90]
-    parts = (x < 30) & (y < 40) | (x > 80) & (y > 50)
-    np.testing.assert_array_equal(without_specks(parts | (x == 60) & (y == 30)), parts)
-    assert not without_specks(np.zeros((5, 7), bool)).any()
 
 
 def test_outlines_lead_back_to_their_mask():

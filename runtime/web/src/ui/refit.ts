@@ -66,7 +66,7 @@ export class RefitPanel {
     const { state, model } = refit;
     if (model !== null && hasModel(refit)) await this.app.openCandidate(model, this.files);
     if (state === "taken") await this.app.takeCandidate();
-    else if (state !== "finished" && this.app.candidate !== undefined) this.app.dropCandidate();
+    else if (state !== "finished" && this.app.comparison.candidate !== undefined) this.app.comparison.drop();
   }
 
   /** Whether the model that is open is one of `decomo-view`'s own. */
@@ -79,9 +79,10 @@ export class RefitPanel {
     const { app, state } = this;
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
+    element("refit-why", HTMLParagraphElement).hidden = busy || app.document.corrections.length > 0;
     element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || !this.isServed;
-    element(`side-${app.side}`, HTMLInputElement).checked = true;
-    element("refit-figures", HTMLParagraphElement).textContent = app.candidate ? figures(app) : "";
+    element(`side-${app.comparison.side}`, HTMLInputElement).checked = true;
+    element("refit-figures", HTMLParagraphElement).textContent = app.comparison.candidate ? figures(app) : "";
   }
 }
 
@@ -91,7 +92,7 @@ const hasModel = ({ state }: RefitState): boolean => state === "finished" || sta
 function sentence({ state, said, run, file }: RefitState): string {
   if (state === "running" || state === "failed") return said;
   if (state === "cancelled") return "Cancelled; nothing was left behind.";
-  if (state === "finished") return "";
+  if (state === "finished") return "In colour the new model's tracks, thin and white the old one's. Play, look, then take the new model or reject it.";
   if (state === "taken") return `Taken: the run is ${run}, its model ${file}.`;
   if (state === "rejected") return `Rejected; the run is still there: ${run}.`;
   return "";
@@ -99,7 +100,7 @@ function sentence({ state, said, run, file }: RefitState): string {
 
 /** How far both models miss the given places, and how far the other points have moved, each by its mean. */
 function figures(app: App): string {
-  const [old, refitted] = [app.followed, app.refollowed()];
+  const [old, refitted] = [app.followed, app.comparison.followed()];
   const parts = [];
   const [before, after] = [old, refitted].map((side) => median(side.flatMap(({ answer, given }) => misses(answer, given))));
   if (before !== undefined && after !== undefined) parts.push(`Given places are missed by ${px(after)}, before by ${px(before)}.`);

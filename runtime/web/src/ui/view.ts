@@ -1,12 +1,14 @@
 /** The page's controls: what they show, and what they set going. */
 
-import { type App, SIDES } from "../app";
+import type { App } from "../app";
+import { SIDES } from "../comparison";
 import { withoutCorrections, withoutPoints } from "../document";
 import type { Layer } from "../layers";
 import { LAYERS } from "../layers";
 import type { Model } from "../model/client";
 import { InputError } from "../model/facts";
 import { summary, warning } from "../model/quality";
+import type { Pictures } from "../pictures";
 import { element, make } from "./dom";
 import { ErrorPanel } from "./errors";
 import { Pen } from "./pen";
@@ -70,13 +72,9 @@ export class View {
     this.app = app;
     this.tools.connect(app);
     for (const [layer, button] of this.layerButtons) button.addEventListener("change", () => app.showLayer(layer));
-    this.splitSelect.addEventListener("change", () => {
-      app.split = LAYERS.find((layer) => layer === this.splitSelect.value);
-      this.layers(LAYERS, app);
-      app.show();
-    });
+    this.splitSelect.addEventListener("change", () => app.showSplit(LAYERS.find((layer) => layer === this.splitSelect.value)));
     this.divider.addEventListener("input", () => {
-      app.splitAt = this.divider.valueAsNumber;
+      app.pictures.splitAt = this.divider.valueAsNumber;
       app.show();
     });
     this.scrub.addEventListener("input", () => app.player.seek(this.scrub.valueAsNumber));
@@ -145,20 +143,20 @@ export class View {
     this.trails.value = String(this.app.trail);
     this.showTrail(this.app.trail);
     this.spacing.value = String(Math.max(4, Math.round(Math.max(width, height) / 16)));
-    this.layers(LAYERS, this.app);
+    this.layers(LAYERS, this.app.pictures);
     this.errors.opened(this.app);
   }
 
-  layers(all: readonly Layer[], app: App): void {
+  layers(all: readonly Layer[], pictures: Pictures): void {
     for (const layer of all) {
       const button = this.layerButtons.get(layer);
-      if (button) Object.assign(button, { disabled: !app.available(layer), checked: layer === app.layer });
+      if (button) Object.assign(button, { disabled: !pictures.available(layer), checked: layer === pictures.layer });
     }
     for (const option of this.splitSelect.options) {
-      option.disabled = !LAYERS.every((layer) => layer !== option.value || app.available(layer));
+      option.disabled = !LAYERS.every((layer) => layer !== option.value || pictures.available(layer));
     }
-    this.splitSelect.value = app.split ?? NO_SPLIT;
-    this.divider.hidden = app.split === undefined;
+    this.splitSelect.value = pictures.split ?? NO_SPLIT;
+    this.divider.hidden = pictures.split === undefined;
   }
 
   /** `shown`: the frame that stands in for one whose pictures are still to come, or the same. */
