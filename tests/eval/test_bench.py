@@ -23,7 +23,6 @@ from typing import Any
 import pytest
 
 import dataset_files
-from children import child
 from decomo_eval.bench import run
 from decomo_eval.bench.cli import main
 from decomo_eval.dataset import Video, read_dataset, write_frames
@@ -115,6 +114,7 @@ write_tiny_model(file, **facts, clip_name="clip")
 """
 
 Bench = Callable[..., int]
+TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
 
 
 @pytest.fixture
@@ -135,26 +135,6 @@ def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ben
 
 
 TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
-HEAD = """
-import sys
-import ray
-about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
-print(about.address_info["gcs_address"], flush=True)
-sys.stdin.read()
-"""
-
-
-@pytest.fixture
-def ray_address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A Ray of two CPUs in a process of its own."""
-    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
-    for name, value in {**ENVIRONMENT, "RAY_AUTH_MODE": "disabled"}.items():
-        monkeypatch.setenv(name, value)
-    with child([sys.executable, "-c", HEAD]) as head:
-        assert head.stdout is not None
-        if not (address := head.stdout.readline().strip()):
-            pytest.skip(TOO_BUSY)
-        yield address
 
 
 def calls(video: str) -> int:
@@ -583,7 +563,7 @@ def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path
 def test_what_ray_is_told_by_the_environment_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where it does not start; what the user has said stays."""
     pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
-    said, other = ENVIRONMENT
+    said, other, *_ = ENVIRONMENT
     monkeypatch.setenv(said, "mine")
     monkeypatch.delenv(other, raising=False)
     before, seen = dict(os.environ), {}
