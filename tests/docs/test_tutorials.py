@@ -96,6 +96,7 @@ def test_what_a_tutorial_says_works(
     ],
 )
 def test_what_is_not_run_is_told(page: Path, block: Block):
+    assert block.not_run is not None
     if block.language == "sh" and not block.not_run.startswith("needs"):
         assert not list(unknown_options(block))
     pytest.skip(f"{page.name}, line {block.line}: {block.not_run}")
