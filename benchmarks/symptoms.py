@@ -105,7 +105,7 @@ def truth(sample: Path, start: int, frame: int, out: Path, models: tuple[Path, .
 @click.argument("folder", type=_PATH)
 @click.argument("out", type=_PATH)
 def blurred(clip: Path, begin: int, end: int, folder: Path, out: Path) -> None:
-    """Write CLIP with frames from BEGIN up to but without END out of focus as FOLDER, and draw the frames around."""
+    """Write CLIP with frames from BEGIN up to but without END out of focus as FOLDER; draw one before, in and after."""
     frames = list(read_clip(clip).frames)
     for number in range(begin, end):
         soft = cv2.GaussianBlur(frames[number], (0, 0), frames[number].shape[1] / 17)
@@ -113,7 +113,7 @@ def blurred(clip: Path, begin: int, end: int, folder: Path, out: Path) -> None:
     folder.mkdir(parents=True)
     for number, frame in enumerate(frames):
         (folder / f"{number:05}.jpg").write_bytes(jpeg(frame, 95))
-    _save(out, [frames[number] for number in (begin - 1, begin, end - 1, end)])
+    _save(out, [frames[number] for number in (begin - 1, (begin + end) // 2, end)])
 
 
 def _enlarged(frame: np.ndarray) -> tuple[np.ndarray, float]:

@@ -16,8 +16,10 @@ SECONDS = 120
 
 
 @contextmanager
-def child(command: Sequence[str | Path], environment: Mapping[str, str] | None = None) -> Iterator[subprocess.Popen]:
-    """A process whose output is piped as text; at the end it has ended, or the test fails.
+def child(
+    command: Sequence[str | Path], environment: Mapping[str, str] | None = None, seconds: float = SECONDS
+) -> Iterator[subprocess.Popen]:
+    """A process whose output is piped as text; at the end it has ended, or the test fails. It lives so long at most.
 
     What the tests' own parent ignores (nohup: SIGHUP; a shell's background: SIGINT) it does not.
     """
@@ -29,7 +31,7 @@ def child(command: Sequence[str | Path], environment: Mapping[str, str] | None =
         text=True,
         preexec_fn=_default_signals,
     )
-    watch = Timer(SECONDS, process.kill)
+    watch = Timer(seconds, process.kill)
     watch.start()
     try:
         yield process

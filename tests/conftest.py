@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -93,14 +94,50 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
+HEAD = """
+import sys
+import ray
+about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+print(about.address_info["gcs_address"], flush=True)
+sys.stdin.read()
+"""
+HEAD_SECONDS = 3600
+"""That the Ray of a session lives at most."""
+
+
+@pytest.fixture(scope="session")
+def ray_head() -> Iterator[tuple[str, dict[str, str]]]:
+    """The address of a Ray of two CPUs in a process of its own, and what its clients' environment says."""
+    from children import child
+    from decomotion.jobs.cluster import ENVIRONMENT
+
+    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
+    variables = {**ENVIRONMENT, "RAY_AUTH_MODE": "disabled"}
+    with child([sys.executable, "-c", HEAD], {**os.environ, **variables}, HEAD_SECONDS) as head:
+        assert head.stdout is not None
+        if not (address := head.stdout.readline().strip()):
+            pytest.skip("Ray did not start within the half minute that it gives itself: the machine is too busy")
+        yield address, variables
+
+
+@pytest.fixture
+def ray_address(ray_head: tuple[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
+    """Of a Ray of two CPUs."""
+    address, variables = ray_head
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    return address
+
+
 TOGETHER = (
-    "tests/export/",
-    "tests/decomotion/test_metamorphic.py",
-    "tests/test_wheel.py",
-    "tests/eval/test_bench.py",
-    "tests/runtime/test_view_clip.py",
+    ("tests/export/",),
+    ("tests/decomotion/test_metamorphic.py",),
+    ("tests/test_wheel.py",),
+    ("tests/eval/test_bench.py", "tests/decomotion/test_batch_run.py::test_on_ray"),
+    ("tests/docs/test_tutorials.py::test_what_a_tutorial_says_works",),
+    ("tests/runtime/test_view_clip.py",),
 )
-"""Tests that share what takes long to make, or fill two cores: they stay on one worker."""
+"""Tests that share what takes long to make, or fill two cores: each of these stays on one worker."""
 WORKERS = 2
 """Of the whole suite; each holds torch, 1.5 GiB. Chosen files or folders are tested without."""
 
@@ -116,7 +153,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadSco
 
     class Together(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return next((place for place in TOGETHER if nodeid.startswith(place)), nodeid)
+            return next((places[0] for places in TOGETHER if nodeid.startswith(places)), nodeid)
 
     return Together(config, log)
 

@@ -19,6 +19,7 @@ CONNECT_SECONDS = 10
 ENVIRONMENT = {
     "RAY_process_group_cleanup_enabled": "true",  # with a worker that is killed, the fit that it started ends too
     "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_worker_niceness": "0",  # Ray's 15 leaves a fit little of its minutes beside other work
 }
 """Of a Ray that is started here, where the user has not said otherwise."""
 

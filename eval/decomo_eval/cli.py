@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from decomo_eval.columns import COLUMNS
-from decomo_eval.names import BASELINES, DATASETS, FLOWS, ORIGINAL, RESOLUTIONS
-from decomo_eval.query_mode import QUERY_MODES
+from decomo_eval.names import BASELINES, FLOWS, ORIGINAL, RESOLUTIONS
+from decomo_eval.options import dataset_option, listed, query_mode_option
 from decomotion import console
 
 if TYPE_CHECKING:
@@ -26,9 +26,7 @@ def cli() -> None:
 
 @cli.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(path_type=Path))
-@click.option(
-    "--dataset", "dataset_name", type=click.Choice(DATASETS), help="What DATASET is.  [default: its files tell]"
-)
+@dataset_option
 @click.option(
     "--models",
     metavar="DIR",
@@ -53,12 +51,7 @@ def cli() -> None:
     type=click.Choice(RESOLUTIONS),
     help="Of the frames that --baseline sees, as stored or brought to TAP-Vid's 256x256.  [default: original]",
 )
-@click.option(
-    "--query-mode",
-    type=click.Choice(QUERY_MODES),
-    help="Query every fifth frame, or each point where it is first visible.  "
-    "[default: strided; first of other datasets than TAP-Vid's and your own]",
-)
+@query_mode_option
 @click.option("--videos", metavar="A,B", help="Score these videos only.  [default: all that have a file]")
 @click.option(
     "--object-masks",
@@ -113,7 +106,6 @@ def tapvid(
     from decomotion.files import replacing
     from decomotion.outputs import check_folder, check_output
 
-    names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     if resolution is not None and baseline is None:
         raise click.UsageError("--resolution is for --baseline; files say themselves what they were tracked at")
     if json_path is not None:
@@ -150,7 +142,7 @@ def tapvid(
             models,
             predictions,
             query_mode,
-            names,
+            listed(videos),
             tracker=tracker,
             resolution=resolution or ORIGINAL,
             object_masks=object_masks,

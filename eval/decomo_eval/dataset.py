@@ -12,18 +12,23 @@ from pathlib import Path
 from decomo_eval.errors import DatasetError
 from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_eval.readers import READERS, Reader
+from decomo_eval.readers.files import Refused
 from decomo_eval.video import Video as Video
 from decomo_eval.video import write_frames as write_frames
 from decomo_runtime.layouts import RASTER_SIZE
 
 
-def read_dataset(path: str | Path, resolution: str = ORIGINAL, name: str | None = None) -> Mapping[str, Video]:
+def read_dataset(
+    path: str | Path, resolution: str = ORIGINAL, name: str | None = None, refused: Refused | None = None
+) -> Mapping[str, Video]:
     """Opens a dataset; videos by name, in the file's order, shards and files in alphabetic order.
 
     Args:
         path: a TAP-Vid pickle (numpy 1 or 2), or the folder of one of the datasets of `readers.READERS`.
         resolution: `original`, frames as they are stored, or `256x256`, brought to that size: TAP-Vid's categories.
         name: the reader's; by default the one to which the folder's files belong.
+        refused: called with each shard that cannot be read, and why: its videos are left out. Without this, or where
+            none can be read, the first one ends all.
 
     Nothing in a file is executed. No video is looked at before it is asked for. Raises `DatasetError`, also where the
     files belong to two readers; of a video when it is asked for.
@@ -31,7 +36,7 @@ def read_dataset(path: str | Path, resolution: str = ORIGINAL, name: str | None 
     if resolution not in RESOLUTIONS:
         raise DatasetError(f"there is no resolution {resolution}; choose of {', '.join(RESOLUTIONS)}")
     path = Path(path)
-    stored = chosen_reader(path, name).read(path)
+    stored = chosen_reader(path, name).read(path, refused)
     return stored if resolution == ORIGINAL else ResizedDataset(stored, RASTER_SIZE, RASTER_SIZE)
 
 

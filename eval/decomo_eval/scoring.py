@@ -124,15 +124,16 @@ def evaluate(
         object_masks: `.npz` of masks [T, H, W] by video, True where a moving object is seen: splits scores.
         watch: called with each video as soon as it is scored.
         dataset_name: the dataset's name (`readers.READERS`); by default its files tell.
-        refused: called with the name of each video that cannot be scored, and why: it is left out, and is missing.
-            Without this, the first one ends all.
+        refused: called with the name of each video that cannot be scored, and why: it is left out, and is missing; and
+            with that of each shard that cannot be read. Without this, the first one ends all.
 
     Raises `DatasetError` or `PredictionError` where a file is not as it should be.
     """
     query_mode = query_mode or chosen_reader(dataset, dataset_name).query_mode
     check_query_mode(query_mode)
     name_of_tracker, answers = _source(models, predictions, tracker)
-    known = read_dataset(dataset, resolution, dataset_name)
+    of_shard = None if refused is None else lambda shard, error: refused(shard.name, error)
+    known = read_dataset(dataset, resolution, dataset_name, of_shard)
     asked = _select(known, videos, dataset)
     missing: tuple[str, ...] = ()
     if isinstance(answers, _Folder):

@@ -206,6 +206,23 @@ def test_a_task_travels_to_another_machine(tmp_path: Path) -> None:
     assert pickle.loads(pickle.dumps(one)) == one
 
 
+@pytest.mark.slow
+def test_on_ray(batch: Batch, ray_address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A fit that is killed goes on, and a clip that fails costs no other."""
+    on_ray = ("--engine", "ray", "--address", ray_address, "--jobs", "8")
+    Path("plan/one-train").write_text("killed")
+    Path("plan/two <b>-track").write_text("fails")
+    assert batch(*on_ray) == 1
+    assert "two <b>: track ended with exit code 1: Error: no such luck" in capsys.readouterr().err
+    assert calls("one") == ["train", *ALL]
+    assert calls("two <b>") == ["train", "export", "track", "track"]
+    Path("plan/two <b>-track").unlink()
+    assert batch(*on_ray) == 0
+    assert (calls("one"), calls("two <b>")[4:]) == (["train", *ALL], ["track", "picture"])
+    assert json.loads(Path("out/summary.json").read_text())["jobs"] == 2  # what has room
+    assert "2 clips finished" in Path("out/index.html").read_text()
+
+
 INTERRUPTED = """
 import sys
 from decomotion.batch.cli import main

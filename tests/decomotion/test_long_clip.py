@@ -277,7 +277,7 @@ def test_windows_are_prepared_ahead_of_their_fits(
         f"prepared sliding-window-00{number}" for number in range(3)
     ]
     assert sorted(path.name for path in Path().glob("*.png")) == [f"sheet-window-00{number}.png" for number in range(3)]
-    monkeypatch.setattr("decomotion.data.prepare.build_links", lambda *_: pytest.fail("they are made again"))
+    monkeypatch.setattr("decomotion.data.prepare.making.build_links", lambda *_: pytest.fail("they are made again"))
     assert main([f"{frames}@6:14", "--steps", "1", *SET_TINY]) == 0
 
 

@@ -25,7 +25,7 @@ from decomotion.data.links import stage as links_stage
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
-from decomotion.data.prepare import affordable, prepare, prepare_in_stages
+from decomotion.data.prepare import affordable, making, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.data.working import build_frames
 from decomotion.errors import DownloadError, SupervisionError
@@ -233,7 +233,7 @@ class TestCache:
             read.append(clip.name)
             return build_frames(clip, *rest)
 
-        monkeypatch.setattr(preparation, "build_frames", counted)
+        monkeypatch.setattr(making, "build_frames", counted)
         prepare(clip, config(), progress=False)
         assert len(read) == 1
         prepare(clip, config("data.features=none"), progress=False)
@@ -492,8 +492,8 @@ class TestCache:
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
     ):
         """8 frames, of which each has features in 5 seconds and masks in 10."""
-        monkeypatch.setattr(preparation, "least_seconds", lambda _: 5.0)
-        monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 10.0)
+        monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
+        monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 10.0)
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
         settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
@@ -543,10 +543,10 @@ class TestCache:
             left.append(seconds)
             return wanted
 
-        for module in (links_stage, flow_store, preparation):
+        for module in (links_stage, flow_store, making):
             monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
         monkeypatch.setattr(links_stage, "MatchStore", Slow)
-        monkeypatch.setattr(preparation, "seconds_a_frame", lambda *_: 1.0)
+        monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 1.0)
         monkeypatch.setattr(budget.costs, "hop_costs", measured)
         monkeypatch.setattr(budget.costs, "affordable_points", points)
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")

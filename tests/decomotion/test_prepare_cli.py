@@ -13,6 +13,7 @@ import torch
 
 from decomotion.cli import command as train
 from decomotion.data import prepare as preparation
+from decomotion.data.prepare import making
 from decomotion.data.preview import COLUMNS, ROWS, flow_colours
 from decomotion.prepare_cli import command, main
 from tiny_fit import FRAMES, HEIGHT, TINY_CPU, WIDTH, sliding_square, write_frames
@@ -62,7 +63,7 @@ def test_decomo_train_finds_it(frames: Path, monkeypatch: pytest.MonkeyPatch, ca
     def fail(*_: object) -> None:
         raise AssertionError("prepared already")
 
-    monkeypatch.setattr(preparation, "build_links", fail)
+    monkeypatch.setattr(making, "build_links", fail)
     assert fit([str(frames), *SET_TINY, "--steps", "1"]) == 0
 
 

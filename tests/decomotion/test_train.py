@@ -211,7 +211,7 @@ class TestQuality:
     ):
         """Also where the fit is stopped."""
         line = "flow at gaps 1 of 1, 2, 4: budget"
-        monkeypatch.setattr("decomotion.data.prepare.what_is_thinned", lambda *_: line)
+        monkeypatch.setattr("decomotion.data.prepare.keys.what_is_thinned", lambda *_: line)
         run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=1, progress=False)
         loaded = checkpoint.load(run / checkpoint.FILE_NAME)
         assert loaded.quality is not None

@@ -12,6 +12,8 @@ README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "research" not in p.parts)]
 LOG = sorted((ROOT / "docs" / "research").glob("*.md"))
 
+MOST_WORDS = 40
+"""Of a sentence; a semicolon or colon ends one."""
 HISTORY = re.compile(r"\b(as before|no longer|used to be|formerly|previously|since then|was not kept)\b", re.IGNORECASE)
 
 
@@ -53,6 +55,19 @@ def test_a_page_says_what_is(page: Path):
     text = prose(page)
     assert HISTORY.findall(text) == []
     assert re.findall(r"\bcommit `?[0-9a-f]{7,}", text) == []
+
+
+def sentences(page: Path) -> list[str]:
+    """Those of the page's paragraphs and lists; a link, and what is set as code, is as long as what is read of it."""
+    text = re.sub(r"^(?:[|#!]|<!--).*$", "", prose(page), flags=re.MULTILINE)
+    text = re.sub(r"`[^`]*`", "code", re.sub(r"\]\([^)]*\)", "]", text))
+    paragraphs = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text)
+    return [sentence for each in paragraphs for sentence in re.split(r"(?<=[.!?:;])\s+", each)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_sentences_are_short(page: Path):
+    assert [each for each in sentences(page) if len(each.split()) > MOST_WORDS] == []
 
 
 @pytest.mark.parametrize("page", [*PAGES, *LOG], ids=named)

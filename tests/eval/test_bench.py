@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from children import child
+import dataset_files
 from decomo_eval.bench import run
 from decomo_eval.bench.cli import main
 from decomo_eval.dataset import Video, read_dataset, write_frames
@@ -38,12 +38,15 @@ from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome, Place
 
 TRAIN = """
-import json, os, pathlib, signal, sys, time
+import json, os, pathlib, signal, struct, sys, time
 os.chdir("{root}")
 pathlib.Path("arguments.json").write_text(json.dumps(sys.argv[1:]))
 frames, _, run = sys.argv[1:4]
 clip = pathlib.Path(frames).name
-assert len(list(pathlib.Path(frames).iterdir())) == 11
+files = sorted(pathlib.Path(frames).iterdir())
+width, height = struct.unpack(">II", files[0].read_bytes()[16:24])  # of a PNG
+facts = dict(num_frames=len(files), width=width, height=height)
+pathlib.Path("facts", clip).write_text(json.dumps(facts))
 calls = pathlib.Path("calls") / clip
 calls.mkdir(parents=True, exist_ok=True)
 (calls / str(len(list(calls.iterdir())))).write_text(
@@ -98,53 +101,40 @@ if order.exists() and order.read_text() == "export fails":
     sys.exit(2)
 sys.path.insert(0, "{tests}")
 from tiny_model import write_tiny_model
-file, facts = pathlib.Path(model), dict(num_frames=11, width=32, height=20)
+file = pathlib.Path(model)
+facts = json.loads(pathlib.Path("{root}", "facts", file.stem).read_text())
 if pathlib.Path(run, "windows.json").is_file():
     from decomotion.windows import Window, Windows
     file.mkdir()
-    layout = Windows("clip", 11, 20, 32, 12.5, (Window("window-000", 0, 11),))
+    frames, width, height = facts.values()
+    layout = Windows("clip", frames, height, width, 12.5, (Window("window-000", 0, frames),))
     layout.save(file / "windows.json")
     file = file / "window-000.onnx"
 write_tiny_model(file, **facts, clip_name="clip")
 """
 
 Bench = Callable[..., int]
+TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
 
 
 @pytest.fixture
 def bench(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    """Runs decomo-bench in `tmp_path`, where `calls/<video>` counts fits and `plan/<video>` makes them fail."""
+    """Runs decomo-bench in `tmp_path`, where `calls/<video>` counts fits and `plan/<video>` makes them fail.
+
+    On two videos, `left` and `right`, unless it is told on what.
+    """
     pytest.importorskip("onnx", reason="onnx writes the models")
     monkeypatch.chdir(tmp_path)
     Path("plan").mkdir()
+    Path("facts").mkdir()
     tests = Path(__file__).parents[1]
     train = TRAIN.replace("{root}", str(tmp_path))
     export = EXPORT.replace("{tests}", str(tests)).replace("{root}", str(tmp_path))
     monkeypatch.setattr(clip_task, "COMMANDS", {"train": ("-c", train), "export": ("-c", export)})
-    return lambda *options: main([str(dataset), "--out", "out", *options])
+    return lambda *options, of=dataset: main([str(of), "--out", "out", *options])
 
 
 TOO_BUSY = "Ray did not start within the half minute that it gives itself: the machine is too busy"
-HEAD = """
-import sys
-import ray
-about = ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
-print(about.address_info["gcs_address"], flush=True)
-sys.stdin.read()
-"""
-
-
-@pytest.fixture
-def ray_address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """A Ray of two CPUs in a process of its own."""
-    pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
-    for name, value in {**ENVIRONMENT, "RAY_AUTH_MODE": "disabled"}.items():
-        monkeypatch.setenv(name, value)
-    with child([sys.executable, "-c", HEAD]) as head:
-        assert head.stdout is not None
-        if not (address := head.stdout.readline().strip()):
-            pytest.skip(TOO_BUSY)
-        yield address
 
 
 def calls(video: str) -> int:
@@ -258,6 +248,73 @@ def test_a_damaged_entry_costs_one_video(
     scores = json.loads(Path("out/report/scores.json").read_text())
     assert (list(scores["videos"]), sorted(scores["missing"])) == (["right"], ["../up", "left"])
     assert bench("--videos", "right") == 0
+
+
+def test_a_damaged_shard_costs_its_videos(
+    bench: Bench, dataset_content: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    shards = Path("kinetics")
+    shards.mkdir()
+    left = pickle.dumps([dataset_content["left"]])
+    (shards / "0_of_3.pkl").write_bytes(left[: len(left) // 2])
+    (shards / "1_of_3.pkl").write_bytes(pickle.dumps({"right": dataset_content["right"]}))
+    (shards / "2_of_3.pkl").write_bytes(b"cposix\nsystem\n(Vtouch executed\ntR.")
+    assert bench(of=shards) == 1
+    said = capsys.readouterr().err
+    assert "2 videos failed" in said
+    assert "0_of_3.pkl is not readable as a TAP-Vid pickle" in said
+    assert "2_of_3.pkl was refused, nothing in it executed" in said
+    assert not Path("executed").exists()
+    scores = json.loads(Path("out/report/scores.json").read_text())
+    assert (list(scores["videos"]), scores["missing"]) == (["right"], ["0_of_3.pkl", "2_of_3.pkl"])
+    assert bench("--videos", "right", of=shards) == 0  # what was asked for went well
+    assert json.loads(Path("out/summary.json").read_text())["failed_before"] == ["0_of_3.pkl", "2_of_3.pkl"]
+    assert bench("--videos", "0_of_3-0", of=shards) == 2
+    assert "has no video 0_of_3-0; kinetics/0_of_3.pkl is not readable" in capsys.readouterr().err
+    (shards / "0_of_3.pkl").write_bytes(left)
+    (shards / "2_of_3.pkl").unlink()
+    assert bench(of=shards) == 0
+    assert (calls("0_of_3-0"), calls("right")) == (1, 1)
+
+
+def test_of_shards_one_at_least_can_be_read(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("kinetics").mkdir()
+    Path("kinetics/0_of_1.pkl").write_bytes(b"half")
+    assert bench(of="kinetics") == 2
+    assert "0_of_1.pkl is not readable" in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("pointodyssey", dataset_files.write_pointodyssey),
+        ("egopoints", dataset_files.write_egopoints),
+        ("dynamic-replica", dataset_files.write_dynamic_replica),
+        ("badja", dataset_files.write_badja),
+    ],
+)
+def test_datasets_that_decomo_eval_scores_are_fitted(
+    name: str, write: Callable[[Path], Any], bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(Path("data"))
+    assert bench("--dataset", name, of="data") == 0
+    assert "first, mean over 1 videos: AJ " in capsys.readouterr().out
+    assert json.loads(Path("out/bench.json").read_text())["reader"] == name
+    (metrics,) = json.loads(Path("out/report/scores.json").read_text())["videos"].values()
+    assert any(figure.startswith(name.replace("-", "_")) for figure in metrics), "the benchmark's own"
+    assert bench("--dataset", "folder", of="data") == 2
+    assert "data is not of folder, which is a folder of <video>.npz" in capsys.readouterr().err
+
+
+def test_one_folder_of_results_is_of_one_reader(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    dataset_files.write_pointodyssey(Path("data"))
+    dataset_files.write_egopoints(Path("data"))
+    assert bench(of="data") == 2
+    assert "the files of pointodyssey and of egopoints; say which by --dataset" in capsys.readouterr().err
+    assert bench("--dataset", "pointodyssey", of="data") == 0
+    assert bench("--dataset", "egopoints", of="data") == 2
+    assert "out was made with another reader; give another --out" in capsys.readouterr().err
 
 
 def test_a_model_that_does_not_open_costs_one_video(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
@@ -506,7 +563,7 @@ def test_an_attempt_given_up_for_lost_spoils_nothing(bench: Bench, dataset: Path
 def test_what_ray_is_told_by_the_environment_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where it does not start; what the user has said stays."""
     pytest.importorskip("ray", reason="needs Ray: pip install 'decomotion[ray]'")
-    said, other = ENVIRONMENT
+    said, other, *_ = ENVIRONMENT
     monkeypatch.setenv(said, "mine")
     monkeypatch.delenv(other, raising=False)
     before, seen = dict(os.environ), {}

@@ -10,7 +10,7 @@ import click
 
 from decomo_eval.columns import COLUMNS
 from decomo_eval.names import ORIGINAL, RESOLUTIONS
-from decomo_eval.query_mode import QUERY_MODES, STRIDED
+from decomo_eval.options import dataset_option, listed, query_mode_option
 from decomotion import console
 from decomotion.jobs.options import chosen_engine, engine_options
 from decomotion.options import Duration
@@ -26,6 +26,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 
 @click.command(context_settings={"show_default": True})
 @click.argument("dataset", type=click.Path(path_type=Path))
+@dataset_option
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of all results.")
 @click.option("--preset", default=AUTO, help="As for decomo-train.")
 @click.option(
@@ -35,7 +36,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="As for decomo-train.")
 @click.option("--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Of every fit.")
 @click.option("--videos", metavar="A,B", help="Fit these only.  [default: all]")
-@click.option("--query-mode", type=click.Choice(QUERY_MODES), default=STRIDED, help="Of the score.")
+@query_mode_option
 @click.option(
     "--resolution",
     type=click.Choice(RESOLUTIONS),
@@ -46,6 +47,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a video before it is given up.")
 def command(
     dataset: Path,
+    dataset_name: str | None,
     out: Path,
     preset: str,
     time_budget: str | None,
@@ -53,12 +55,12 @@ def command(
     overrides: tuple[str, ...],
     seed: int,
     videos: str | None,
-    query_mode: str,
+    query_mode: str | None,
     resolution: str,
     attempts: int,
     **where: Any,
 ) -> None:
-    """Fit, export and score every video of DATASET, a TAP-Vid pickle or folder.
+    """Fit, export and score every video of DATASET, a TAP-Vid pickle or a dataset's folder.
 
     What is finished is not done again: give the same command after an interruption, or to try failed videos once more.
     """
@@ -67,14 +69,14 @@ def command(
 
     if time_budget is not None and steps is not None:
         raise click.UsageError("give --time-budget or --steps, not both")
-    names = None if videos is None else list(dict.fromkeys(name.strip() for name in videos.split(",") if name.strip()))
     check_folder("--out", out)
     options = command_options(preset, time_budget, steps, seed, overrides)
-    settings = {"videos": names, "attempts": attempts, "query_mode": query_mode, "resolution": resolution}
-    summary = bench(dataset, out, options, engine=chosen_engine(**where), **settings)
+    of_dataset = {"dataset_name": dataset_name, "videos": listed(videos), "resolution": resolution}
+    how = {"attempts": attempts, "query_mode": query_mode, "engine": chosen_engine(**where)}
+    summary = bench(dataset, out, options, **of_dataset, **how)
     if summary.report is not None:
         cells = ", ".join(f"{column.title} {column.cell(summary.report.mean)}" for column in COLUMNS)
-        click.echo(f"{query_mode}, mean over {len(summary.report.videos)} videos: {cells}")
+        click.echo(f"{summary.report.query_mode}, mean over {len(summary.report.videos)} videos: {cells}")
         click.echo(f"wrote {out / 'report' / 'index.html'}")
     if summary.hours_for is not None:
         hours = ", ".join(f"{number} videos {hours:g} h" for number, hours in summary.hours_for.items())

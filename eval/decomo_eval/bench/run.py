@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from decomo_eval.dataset import Video, read_dataset, write_frames
+from decomo_eval.dataset import Video, chosen_reader, read_dataset, write_frames
 from decomo_eval.errors import DatasetError, EvalError, PredictionError
 from decomo_eval.names import ORIGINAL
-from decomo_eval.query_mode import STRIDED
+from decomo_eval.readers import Reader
 from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
 from decomotion.errors import InputError
@@ -64,8 +64,9 @@ def bench(
     engine: Engine | None = None,
     videos: Sequence[str] | None = None,
     attempts: int = 2,
-    query_mode: str = STRIDED,
+    query_mode: str | None = None,
     resolution: str = ORIGINAL,
+    dataset_name: str | None = None,
 ) -> Summary:
     """Fits, exports and scores every video; what is finished in `out` is not done again.
 
@@ -76,30 +77,38 @@ def bench(
         engine: where tasks run; by default here, one at a time.
         videos: names of those to fit; by default all. Summary and report are of all that is in `out`.
         attempts: how often a video is tried; then it is reported, and the others go on.
-        query_mode: of the score.
+        query_mode: of the score; by default the dataset's.
         resolution: of the frames that are fitted (`dataset.read_dataset`).
+        dataset_name: the dataset's name (`readers.READERS`); by default its files tell.
+
+    A shard of the dataset that cannot be read is a failure; the videos of the others are fitted.
 
     Raises `EvalError` where `out` was made from another dataset or with other options, or another run is at work on it;
     `EngineError` where the engine does not run.
     """
     dataset, out = Path(dataset), Path(out)
-    known = read_dataset(dataset, resolution)
+    reader = chosen_reader(dataset, dataset_name)
+    shards: list[Outcome] = []
+    known = read_dataset(dataset, resolution, reader.name, lambda shard, error: shards.append(_unread(shard, error)))
     unknown = [name for name in videos or () if name not in known]
     if unknown:
-        raise DatasetError(f"{dataset} has no video {', '.join(unknown)}")
+        damaged = "".join(f"; {shard.error}" for shard in shards)
+        raise DatasetError(f"{dataset} has no video {', '.join(unknown)}{damaged}")
     asked = set(known if videos is None else videos)
     tasks, unfit = _tasks(known, out, options, attempts)
     with alone(out, "decomo-bench", EvalError):
-        settings = {"dataset": dataset.name, "options": list(options), "resolution": resolution}
-        claim(out / "bench.json", settings, EvalError, resolution=ORIGINAL)
+        settings = {"dataset": dataset.name, "reader": reader.name, "options": list(options), "resolution": resolution}
+        claim(out / "bench.json", settings, EvalError, reader=reader.name, resolution=ORIGINAL)
         fitted = _fits(known, [task for task in tasks if task.name in asked])
         others = [task for task in tasks if task.name not in asked]
         results = fitted.run(engine or LocalEngine())
-        results = replace(results, failed=(*results.failed, *(each for each in unfit if each.name in asked)))
+        failed = (*results.failed, *(each for each in unfit if each.name in asked), *(shards if videos is None else ()))
+        results = replace(results, failed=failed)
         results = results.with_others(fitted.before(task) or task.recorded() for task in others)
+        results = results.with_others(shards if videos is not None else ())
         summary = Summary(results.finished, results.failed, results.jobs, results.failed_before)
         summary.write(out)  # should scoring fail, this is known
-        summary = _scored(summary, dataset, out, query_mode)
+        summary = _scored(summary, dataset, reader, out, query_mode or reader.query_mode)
         summary.write(out)
     return summary
 
@@ -118,6 +127,11 @@ def _tasks(
     return tasks, unfit
 
 
+def _unread(shard: Path, error: DatasetError) -> Outcome:
+    """Of the videos of a shard that cannot be read, whose names are not known."""
+    return Outcome(shard.name, 1, {}, str(error))
+
+
 def _fits(videos: Mapping[str, Video], tasks: Sequence[ClipTask]) -> ClipTasks[ClipTask]:
     """Tasks with their frames out of the dataset, of which one video is read at a time."""
 
@@ -133,7 +147,7 @@ def _fits(videos: Mapping[str, Video], tasks: Sequence[ClipTask]) -> ClipTasks[C
     return ClipTasks(tasks, digest, prepare, clear)
 
 
-def _scored(summary: Summary, dataset: Path, out: Path, query_mode: str) -> Summary:
+def _scored(summary: Summary, dataset: Path, reader: Reader, out: Path, query_mode: str) -> Summary:
     """With the report of what is finished; a model that cannot be scored is a failure of its own."""
     refused: dict[str, InputError | OSError] = {}
     names, report = [outcome.name for outcome in summary.finished], None
@@ -142,12 +156,12 @@ def _scored(summary: Summary, dataset: Path, out: Path, query_mode: str) -> Summ
     try:
         with ReportWriter(out / "report", query_mode) as writer:
             tell = {"watch": writer.see, "refused": refused.__setitem__}
-            report = evaluate(dataset, out / "models", None, query_mode, names, **tell)
+            report = evaluate(dataset, out / "models", None, query_mode, names, dataset_name=reader.name, **tell)
             absent = (outcome.name for outcome in (*summary.failed, *summary.failed_before))
             report = replace(report, missing=(*report.missing, *absent))
             writer.write(report)
     except PredictionError:
-        if len(refused) < len(names):
+        if not refused.keys() >= set(names):
             raise
     failed = tuple(
         replace(each, error=f"it cannot be scored ({refused[each.name]}); move its model away to fit it anew")

@@ -15,6 +15,8 @@ from decomotion.arrays import read_npz
 from decomotion.frame_files import frame_files
 
 Source = TypeVar("Source")
+Refused = Callable[[Path, DatasetError], object]
+"""Told of a file of several videos that cannot be read, and why: these are left out."""
 Array = npt.NDArray[Any]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from decomo_eval import safe_pickle
 from decomo_eval.errors import DatasetError
-from decomo_eval.readers.files import Videos, by_suffix
+from decomo_eval.readers.files import Refused, Videos, by_suffix
 from decomo_eval.video import Video, made_video
 
 _KEYS = ("video", "points", "occluded")
@@ -25,27 +25,43 @@ def holds(path: Path) -> bool:
     return not path.is_dir() or bool(by_suffix(path, ".pkl"))
 
 
-def read(path: Path) -> Mapping[str, Video]:
-    """The videos by name; those of a list are named by their position, in a folder behind the file's name."""
+def read(path: Path, refused: Refused | None = None) -> Mapping[str, Video]:
+    """The videos by name; those of a list are named by their position, in a folder behind the file's name.
+
+    A file of a folder that cannot be read ends all, unless somebody is to be told that it is `refused`.
+    """
     if not path.is_dir():
         return Videos(_entries(path), partial(_read_video, path))
-    return ShardedDataset(by_suffix(path, ".pkl"))
+    return ShardedDataset(by_suffix(path, ".pkl"), refused)
 
 
 class ShardedDataset(Mapping[str, Video]):
     """Videos of several pickles, the last used of which is in memory. Every shard is read once for its names.
 
-    Raises `DatasetError` where two shards have a video of one name.
+    Raises `DatasetError` where two shards have a video of one name, and where one cannot be read and nobody is to be
+    told that it is `refused`, or none can.
     """
 
-    def __init__(self, shards: Sequence[Path]) -> None:
+    def __init__(self, shards: Sequence[Path], refused: Refused | None = None) -> None:
         self._shard_of: dict[str, Path] = {}
         self._loaded: tuple[Path, dict[str, Any]] | None = None
+        damaged: dict[Path, DatasetError] = {}
         for shard in shards:
-            for name in self._entries(shard):
+            try:
+                names = list(self._entries(shard))
+            except DatasetError as error:
+                if refused is None:
+                    raise
+                damaged[shard] = error
+                continue
+            for name in names:
                 if name in self._shard_of:
                     raise DatasetError(f"{shard} and {self._shard_of[name]} both have a video {name}")
                 self._shard_of[name] = shard
+        for shard, error in damaged.items():
+            if refused is None or not self._shard_of:
+                raise error
+            refused(shard, error)
 
     def __getitem__(self, name: str) -> Video:
         shard = self._shard_of[name]

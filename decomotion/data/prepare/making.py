@@ -1,0 +1,93 @@
+"""How each stage is made, from the ones before it."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decomotion.chance import generator
+from decomotion.clip import Clip
+from decomotion.data.features.stage import build_feature_arrays
+from decomotion.data.links.filtering import build_filtered
+from decomotion.data.links.stage import build_links
+from decomotion.data.masks.cost import seconds_a_frame
+from decomotion.data.motion import build_motion
+from decomotion.data.pool import PackedPositions, jittered_grid
+from decomotion.data.prepare.inputs import Inputs
+from decomotion.data.prepare.keys import Keys
+from decomotion.data.sampling import rescaled, sample_map
+from decomotion.data.timing import least_seconds
+from decomotion.data.working import build_frames, working_clip, working_side
+
+
+class Making:
+    """Fills the stages' folders; each `build_*` returns the facts of its stage."""
+
+    def __init__(self, inputs: Inputs, keys: Keys) -> None:
+        self.inputs, self.keys = inputs, keys
+
+    @cached_property
+    def working(self) -> Clip:
+        """The clip at the size that preparation works at, on disk; made when the first stage asks for it."""
+        side = working_side(self.inputs.config.flow)
+        made = self.keys.stage("frames", side=side).run(partial(self.build_frames, side), self.inputs.rebuild)
+        return working_clip(self.inputs.clip, made.folder)
+
+    def build_frames(self, side: int, folder: Path) -> dict[str, Any]:
+        """`frames`."""
+        return build_frames(self.inputs.clip, side, self.inputs.progress, folder)
+
+    def build_links(self, folder: Path) -> dict[str, Any]:
+        """`links`."""
+        inputs, begin = self.inputs, time.monotonic()
+        random = generator(inputs.seed, "points")
+        wanted = (inputs.clip, self.working, inputs.config, inputs.count, self.seconds_after_links, random)
+        given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.progress, folder)
+        return build_links(*wanted, *given, time.monotonic() - begin)
+
+    def seconds_after_links(self, points: int) -> float:
+        """What features and masks will take on this machine, about, by those of a frame with so many points."""
+        inputs, frames, seconds = self.inputs, self.working.frames, 0.0
+        extractor = inputs.extractor
+        if extractor is not None:
+            sides = (self.working.height, self.working.width)
+            where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
+            seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
+        if inputs.config.masks == "auto":
+            seconds += seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
+        return len(frames) * seconds
+
+    def build_features(self, folder: Path) -> dict[str, Any]:
+        """`features`."""
+        inputs, clip = self.inputs, self.working
+        points = rescaled(np.load(self.keys.links.folder / "points.npy"), inputs.sides, (clip.height, clip.width))
+        what = (inputs.extractor, inputs.config.feature_size)
+        return build_feature_arrays(clip, points, *what, inputs.progress, folder)
+
+    def build_filter(self, folder: Path) -> dict[str, Any]:
+        """`filter`."""
+        inputs, keys = self.inputs, self.keys
+        feature = np.load(keys.features.folder / "feature.npy", mmap_mode="r")
+        return build_filtered(*self.linked(), feature, keys.grid, inputs.config.rules, inputs.progress, folder)
+
+    def build_motion(self, folder: Path) -> dict[str, Any]:
+        """`motion`."""
+        inputs, keys, kind = self.inputs, self.keys, self.inputs.config.masks
+        points, targets, confidence = self.linked()
+        if inputs.filters_on:
+            confidence = np.load(keys.filter.folder / "confidence.npy", mmap_mode="r")
+        frames = self.working.frames if kind == "auto" else None
+        linked = (points, targets, confidence, (keys.grid.rows, keys.grid.columns))
+        what = (kind, inputs.given_masks, generator(inputs.seed, "masks"))
+        return build_motion(frames, inputs.sides, *linked, *what, inputs.progress, folder)
+
+    def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
+        """Points, targets and confidence of the stage `links`."""
+        files = (self.keys.links.folder / f"{name}.npy" for name in ("points", "targets", "confidence"))
+        points, targets, confidence = (np.load(file, mmap_mode="r") for file in files)
+        return np.asarray(points), PackedPositions(targets, self.inputs.longer_side), confidence
