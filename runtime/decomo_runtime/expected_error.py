@@ -119,10 +119,17 @@ def refined_error(error: Floats, refined: npt.NDArray[np.bool_]) -> Floats:
     return np.where(refined, np.float32(calibration().refined_factor), np.float32(1)) * error
 
 
-def chance_near(error: npt.NDArray[np.floating], height: int, width: int) -> npt.NDArray[np.float64]:
-    """[...], of answers with these expected errors, pixels, the chance to be within `NEAR` units of the truth.
+def share_within(
+    error: npt.NDArray[np.floating], distance: float, share: float, tail: float = TAIL
+) -> npt.NDArray[np.float64]:
+    """[...], of answers that are told errors [...], of which `share` are within, those that are within `distance`.
 
     1 where the error is 0, and 0 where it is no number.
     """
-    over = np.nan_to_num(error.astype(np.float64), nan=np.inf, posinf=np.inf).clip(0) / (NEAR * unit(height, width))
-    return 1 / (1 + (1 / calibration().share - 1) * over**TAIL)
+    over = np.nan_to_num(error.astype(np.float64), nan=np.inf, posinf=np.inf).clip(0) / distance
+    return 1 / (1 + (1 / share - 1) * over**tail)
+
+
+def chance_near(error: npt.NDArray[np.floating], height: int, width: int) -> npt.NDArray[np.float64]:
+    """[...], the chance of answers with these expected errors, pixels, to be within `NEAR` units of the truth."""
+    return share_within(error, NEAR * unit(height, width), calibration().share)
