@@ -1,7 +1,7 @@
 """rerun's recording: the points frame by frame, those in sight and those hidden, and the way they came.
 
-Points in sight have a circle as wide as their expected error, in pixels, which is switched on in the viewer. The first
-pixel's centre is at (0.5, 0.5). With the clip's frames behind the points, where they are known.
+About points in sight are circles as wide as their expected error. The first pixel's centre is at (0.5, 0.5). With the
+clip's frames behind the points, where they are known.
 """
 
 from __future__ import annotations
@@ -111,6 +111,5 @@ def _blueprint(about: About) -> Any:
         start=rrb.TimeRangeBoundary.cursor_relative(seq=-TRAIL),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
-    hidden = rrb.EntityBehavior(visible=False)
-    view = rrb.Spatial2DView(origin=CLIP, name=about.name, overrides={TRAILS: past, ERROR: hidden})
+    view = rrb.Spatial2DView(origin=CLIP, name=about.name, overrides={TRAILS: past})
     return rrb.Blueprint(view, rrb.TimePanel(timeline="frame", fps=about.fps), collapse_panels=True)

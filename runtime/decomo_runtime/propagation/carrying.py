@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,7 +60,8 @@ def propagate(
         for thing, kind in sorted({(each.thing, each.kind) for each in annotation.shapes if not each.kind.is_region})
     }
     kinds = {shape.thing: shape.kind for shape in annotation.shapes if shape.kind.is_region}
-    return _frame_by_frame(numbers.tolist(), drawn, of_regions, kinds, regions, placed)
+    carried = repeat([]) if regions is None else regions.carry()
+    return _frame_by_frame(numbers.tolist(), drawn, of_regions, kinds, carried, placed)
 
 
 def _frame_by_frame(
@@ -67,13 +69,12 @@ def _frame_by_frame(
     drawn: dict[tuple[int, int, Kind], Shape],
     of_regions: list[int],
     kinds: dict[int, Kind],
-    regions: Regions | None,
+    regions: Iterable[list[Carried]],
     placed: dict[tuple[int, Kind], Placed],
 ) -> Iterator[tuple[list[Shape], list[Finding]]]:
-    for frame in numbers:
+    for frame, carried in zip(numbers, regions, strict=False):
         shapes: list[Shape] = []
         findings: list[Finding] = []
-        carried = [] if regions is None else regions.carry(frame)
         for thing, region in zip(of_regions, carried, strict=True):
             kind = kinds[thing]
             shapes += _kept(drawn, frame, thing, kind) or _of_region(region, thing, frame, kind)

@@ -70,10 +70,23 @@ def test_what_is_drawn_stays_as_it_is():
 
 def test_points_in_sight_nowhere_go_by_their_owner_and_colours():
     """Nothing can be followed: the square is found by what its own frame teaches of its looks."""
-    (shapes, findings) = carried(annotation(square(0)), Fading(2), frames=sliding_square().frames)[5]
+    (shapes, findings) = carried(annotation(square(0)), Fading(0), frames=sliding_square().frames)[5]
     assert overlap(shapes[0].mask, square_mask(5)) > 0.7
     assert findings[0].in_sight == 0
     assert findings[0].confidence < 0.95
+
+
+@pytest.mark.parametrize("drawn", [0, 3, 7])
+def test_what_no_annotated_frame_has_in_sight_goes_from_frame_to_frame(drawn: int):
+    """The object is half of the square, which looks as the other half: looks cannot tell it."""
+    left = square_mask(0) & (np.indices(SIZE)[1] < 8)
+    halves = [np.roll(left, int(frame * SQUARE_VELOCITY[0]), axis=1) for frame in range(FRAMES)]
+    found = carried(annotation(Shape(0, drawn, Kind.MASK, mask=halves[drawn])), Fading(1))
+    assert [findings[0].frame for _, findings in found] == list(range(FRAMES))
+    for frame in range(max(0, drawn - 3), min(FRAMES, drawn + 4)):  # a step of a clip that small takes some of the rim
+        shapes, findings = found[frame]
+        assert overlap(shapes[0].mask, halves[frame]) > 0.75
+        assert (findings[0].in_sight == 0) == (abs(frame - drawn) > 1)
 
 
 def test_two_objects_keep_their_numbers():
@@ -95,6 +108,13 @@ def test_of_two_annotated_frames_the_nearer_speaks(reach: int):
     found = carried(annotation(square(0), Shape(0, 7, Kind.MASK, mask=small)), Fading(reach))
     assert overlap(found[1][0][0].mask, square_mask(1)) > 0.9
     assert overlap(found[6][0][0].mask, square_mask(6)) < 0.75
+
+
+def test_where_a_point_is_seen_best_outvotes_many_that_are_less_sure():
+    """Frame 5, nearest to 3, has the whole square, three others a part of it."""
+    small = {frame: square_mask(frame) & (np.indices(SIZE)[0] >= HEIGHT // 2 + 2) for frame in (0, 6, 7)}
+    found = carried(annotation(square(5), *(Shape(0, t, Kind.MASK, mask=mask) for t, mask in small.items())), Fading(9))
+    assert overlap(found[3][0][0].mask, square_mask(3)) > 0.9
 
 
 def test_disagreement_tells_object_frame_and_annotations():
