@@ -85,7 +85,7 @@ def test_what_no_annotated_frame_has_in_sight_goes_from_frame_to_frame(drawn: in
     assert [findings[0].frame for _, findings in found] == list(range(FRAMES))
     for frame in range(max(0, drawn - 3), min(FRAMES, drawn + 4)):  # a step of a clip that small takes some of the rim
         shapes, findings = found[frame]
-        assert overlap(shapes[0].mask, halves[frame]) > 0.75
+        assert overlap(shapes[0].mask, halves[frame]) > 0.6  # the whole square: 0.5
         assert (findings[0].in_sight == 0) == (abs(frame - drawn) > 1)
 
 
