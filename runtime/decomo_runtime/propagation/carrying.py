@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,8 +59,7 @@ def propagate(
         for thing, kind in sorted({(each.thing, each.kind) for each in annotation.shapes if not each.kind.is_region})
     }
     kinds = {shape.thing: shape.kind for shape in annotation.shapes if shape.kind.is_region}
-    carried = repeat([]) if regions is None else regions.carry()
-    return _frame_by_frame(numbers.tolist(), drawn, of_regions, kinds, carried, placed)
+    return _frame_by_frame(numbers.tolist(), drawn, of_regions, kinds, regions, placed)
 
 
 def _frame_by_frame(
@@ -69,12 +67,13 @@ def _frame_by_frame(
     drawn: dict[tuple[int, int, Kind], Shape],
     of_regions: list[int],
     kinds: dict[int, Kind],
-    regions: Iterable[list[Carried]],
+    regions: Regions | None,
     placed: dict[tuple[int, Kind], Placed],
 ) -> Iterator[tuple[list[Shape], list[Finding]]]:
-    for frame, carried in zip(numbers, regions, strict=False):
+    for frame in numbers:
         shapes: list[Shape] = []
         findings: list[Finding] = []
+        carried = [] if regions is None else regions.carry(frame)
         for thing, region in zip(of_regions, carried, strict=True):
             kind = kinds[thing]
             shapes += _kept(drawn, frame, thing, kind) or _of_region(region, thing, frame, kind)

@@ -1,9 +1,7 @@
 """Regions carried from annotated frames to others.
 
-Each pixel of a frame asks where its point was in every annotated frame, and takes the label that it had where it is
-seen best. Where the point is in sight in none, it takes the label that was found in the frame beside, towards the
-nearest annotated one. What is known of it else are its looks (`evidence.py`). The chances of a pixel's classes are a
-product of three,
+Each pixel of a frame asks where its point was in every annotated frame, and takes the label that it had in the one in
+which it is seen best. Where the point is in sight in none, nothing is known of it but its looks (`evidence.py`). The chances of a pixel's classes are a product of three,
 
     votes * owner^OWNER * colours^COLOURS
 
@@ -12,9 +10,8 @@ each no surer than `SUREST`, and the rim is brought to the edges of the picture 
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -22,10 +19,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.layers import look, raster_size
+from decomo_runtime.layers import look, pixel_queries, raster_size
 from decomo_runtime.propagation.evidence import Looks
 from decomo_runtime.propagation.rim import Guide
-from decomo_runtime.propagation.words import Word, words
+from decomotion.units import unit
 
 if TYPE_CHECKING:
     from decomo_runtime.model import Appearance
@@ -41,6 +38,8 @@ OWNER, COLOURS = 0.7, 0.6
 """Weights of what the looks say."""
 SUREST = 0.95
 """Chance that a single one of the three may give."""
+FALL = 2.0
+"""Power by which a point is seen worse in an annotated frame as the expected error grows, in units."""
 SPECK = 1 / 200
 """Parts of a mask that are smaller than this share of its largest are left out."""
 LEAST_COMMON = 16
@@ -81,14 +80,10 @@ class Regions:
         self._size = raster_size(tracker.facts, min(SIDE, max(tracker.height, tracker.width)))
         self._annotated = sorted(drawn)
         self._count = 1 + max(max(each, default=-1) for each in drawn.values())
-        self._drawn = {
-            frame: {number: self._shrunk(mask) for number, mask in drawn[frame].items()} for frame in self._annotated
-        }
-        self._whole = tracker.height, tracker.width
-        self._last: list[Carried] = []
-        """[K], in the frame that was carried to last."""
+        small = {frame: {number: self._shrunk(mask) for number, mask in drawn[frame].items()} for frame in drawn}
+        self._drawn = small
         self._looks = Looks(self._count + 1)
-        for frame, masks in self._drawn.items():
+        for frame, masks in small.items():
             seen = look(tracker, frame, self._size)
             confidence, picture = self._raster(seen.static_confidence), self._picture(frame, seen)
             shares = {number + 1: share for number, share in masks.items()}
@@ -96,58 +91,52 @@ class Regions:
             for number, share in shares.items():
                 self._looks.add(number, share, confidence, picture)
 
-    def carry(self) -> Iterator[list[Carried]]:
-        """Yields of each frame of the clip all objects [K]; where two claim a pixel, it is that of the likelier.
-
-        Those nearer to the annotated frame ahead than to the one behind are found from there backwards, and kept.
-        """
-        kept: dict[int, list[tuple[Carried, bytes]]] = {}
-        for frame in range(self._tracker.num_frames):
-            nearest = min(self._annotated, key=lambda annotated: abs(annotated - frame))
-            if nearest <= frame:
-                yield self._carry(frame, frame - 1)
-                continue
-            for back in range(nearest - 1, frame - 1, -1) if frame not in kept else ():
-                kept[back] = [_packed(each) for each in self._carry(back, back + 1)]
-            yield [_unpacked(*each, self._whole) for each in kept.pop(frame)]
-
-    def _carry(self, frame: int, beside: int) -> list[Carried]:
-        """[K], in a frame, after the one `beside` it, unless one of the two is annotated."""
+    def carry(self, frame: int) -> list[Carried]:
+        """[K], all objects in a frame; where two claim a pixel, it is that of the likelier."""
         seen = look(self._tracker, frame, self._size)
         picture = self._picture(frame, seen)
-        steps = frame not in self._drawn and beside not in self._drawn
-        found = {number: self._shrunk(each.mask) for number, each in enumerate(self._last)}
-        said = words(self._tracker, frame, self._size, self._drawn | ({beside: found} if steps else {}))
-        step = said.pop(beside) if steps else None
-        chances = np.log(_at_most_sure(self._votes(list(said.values()), step)))
+        said, sight, sure = self._said(frame)
+        chances = np.log(_at_most_sure(self._votes(said, sight, sure)))
         chances += OWNER * np.log(_at_most_sure(self._looks.by_owner(self._raster(seen.static_confidence))))
         chances += COLOURS * np.log(_at_most_sure(self._looks.by_colour(picture)))
         chances = np.exp(chances - chances.max(axis=0))
         chances /= chances.sum(axis=0)
         labels, likely = self._at_full_size(frame, chances, picture)
-        known = self._enlarged(np.max([word.sight for word in said.values()], axis=0))
-        self._last = [self._carried(number, labels, likely, known, said) for number in range(self._count)]
-        return self._last
+        known = self._enlarged(sight.max(axis=0))
+        return [self._carried(number, labels, likely, known, said, sight > 0) for number in range(self._count)]
 
-    def _votes(self, said: Sequence[Word], beside: Word | None) -> Floats:
-        """[class, h, w], chances by the annotated frames; where none has the point in sight by the frame beside, as far
-        as that is sure of itself; even where that has not either.
+    def _said(self, frame: int) -> tuple[list[dict[int, Floats]], Floats, Floats]:
+        """Of each annotated frame the shares of its objects at the pixels of `frame`, and [annotated, h, w] how much
+        in sight the points are there, from 0 to 1, and how sure their places.
         """
-        even = np.float32(1 / (self._count + 1))
-        votes = np.empty((self._count + 1, *self._size), np.float32)
+        facts, size = self._tracker.facts, self._size
+        tracks = self._tracker.track(pixel_queries(frame, size, facts), self._annotated)
+        said: list[dict[int, Floats]] = []
+        sight, sure = np.empty((2, len(self._annotated), *size), np.float32)
+        whole = unit(facts.height, facts.width)
+        scale = np.array([size[1] / facts.width, size[0] / facts.height], np.float32)
+        for column, annotated in enumerate(self._annotated):
+            there = tracks.xy[:, column]
+            inside = ((there >= -0.5) & (there <= np.array([facts.width, facts.height]) - 0.5)).all(axis=1)
+            x, y = np.moveaxis(((there + 0.5) * scale - 0.5).reshape(*size, 2).astype(np.float32), -1, 0)
+            masks = self._drawn[annotated]
+            said.append({number: _at(share, x, y) for number, share in masks.items()})
+            shown = (1 - tracks.occlusion[:, column] / facts.occlusion_threshold).clip(0, 1) * inside
+            error = np.zeros(len(shown)) if tracks.error is None else tracks.error[:, column] / whole
+            sight[column], sure[column] = shown.reshape(size), ((1 + error) ** -FALL).reshape(size)
+        return said, sight, sure
+
+    def _votes(self, said: Sequence[Mapping[int, Floats]], sight: Floats, sure: Floats) -> Floats:
+        """[class, h, w], chances by the annotated frames alone; even where none has the point in sight."""
+        even = 1 / (self._count + 1)
+        votes = np.full((self._count + 1, *self._size), even, np.float32)
         for number in range(self._count):
-            chance = np.full(self._size, even)
-            if beside is not None:
-                chance += self._last[number].confidence * beside.sight * (beside.shares[number] - chance)
-            speaking = [word for word in said if number in word.shares]
+            speaking = [column for column, masks in enumerate(said) if number in masks]
             if speaking:
-                best = np.argmax([word.seen for word in speaking], axis=0)[None]
-                sight, share = (
-                    np.take_along_axis(np.stack(values), best, axis=0)[0]
-                    for values in ([word.sight for word in speaking], [word.shares[number] for word in speaking])
-                )
-                chance += sight * (share - chance)
-            votes[number + 1] = chance
+                best = (sight[speaking] * sure[speaking]).argmax(axis=0)[None]
+                shares = np.stack([said[column][number] for column in speaking])
+                share, trust = (np.take_along_axis(values, best, axis=0)[0] for values in (shares, sight[speaking]))
+                votes[number + 1] += trust * (share - even)
         votes[0] = (1 - votes[1:].sum(axis=0)).clip(0, 1)
         return votes / votes.sum(axis=0)
 
@@ -155,7 +144,7 @@ class Regions:
         """[H, W], the likeliest class and its chance."""
         full = None if self._frames is None else self._frames[frame].astype(np.float32) / np.float32(255)
         filtered = Guide(picture, picture if full is None else full)
-        labels = np.zeros(self._whole, np.int32)
+        labels = np.zeros((self._tracker.height, self._tracker.width), np.int32)
         best = np.zeros(labels.shape, np.float32)
         for number, chance in enumerate(chances):
             at_size = filtered(chance)
@@ -170,16 +159,18 @@ class Regions:
         labels: npt.NDArray[np.int32],
         likely: Floats,
         known: Floats,
-        said: Mapping[int, Word],
+        said: Sequence[Mapping[int, Floats]],
+        in_sight: Mask,
     ) -> Carried:
         mask = without_specks(labels == number + 1)
         most: tuple[float, tuple[int, int] | None] = (-1.0, None)
-        speaking = [annotated for annotated, word in said.items() if number in word.shares]
-        for pair in combinations(speaking, 2):
-            both = (said[pair[0]].sight > 0) & (said[pair[1]].sight > 0)
-            first, second = (said[annotated].shares[number][both] > 0.5 for annotated in pair)
+        speaking = [column for column, masks in enumerate(said) if number in masks]
+        for one, other in combinations(speaking, 2):
+            both = in_sight[one] & in_sight[other]
+            first, second = (said[column][number][both] > 0.5 for column in (one, other))
             either = (first | second).sum()
             if either >= LEAST_COMMON:
+                pair = self._annotated[one], self._annotated[other]
                 most = max(most, (float(1 - (first & second).sum() / either), pair), key=lambda each: each[0])
         confidence, share = (float(likely[mask].mean()), float(known[mask].mean())) if mask.any() else (0.0, 0.0)
         return Carried(mask, confidence, share, None if most[1] is None else most[0], most[1])
@@ -198,7 +189,8 @@ class Regions:
         return shrunk.astype(np.float32, copy=False)
 
     def _enlarged(self, image: Floats) -> Floats:
-        return cv2.resize(image, self._whole[::-1], interpolation=cv2.INTER_LINEAR).astype(np.float32, copy=False)
+        size = self._tracker.width, self._tracker.height
+        return cv2.resize(image, size, interpolation=cv2.INTER_LINEAR).astype(np.float32, copy=False)
 
 
 def without_specks(mask: Mask) -> Mask:
@@ -214,11 +206,6 @@ def _at_most_sure(chances: Floats) -> Floats:
     return chances.clip(1 - SUREST, SUREST)
 
 
-def _packed(carried: Carried) -> tuple[Carried, bytes]:
-    """Without its mask, and the mask in little room."""
-    return replace(carried, mask=carried.mask[:0]), zlib.compress(np.packbits(carried.mask).tobytes())
-
-
-def _unpacked(carried: Carried, mask: bytes, size: tuple[int, int]) -> Carried:
-    bits = np.frombuffer(zlib.decompress(mask), np.uint8)
-    return replace(carried, mask=np.unpackbits(bits, count=size[0] * size[1]).reshape(size).astype(bool))
+def _at(image: Floats, x: Floats, y: Floats) -> Floats:
+    """Bilinear; the nearest pixel's beyond the borders."""
+    return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32, copy=False)
