@@ -1,7 +1,8 @@
 """Regions carried from annotated frames to others.
 
 Each pixel of a frame asks where its point was in every annotated frame, and takes the label that it had in the one in
-which it is seen best. Where the point is in sight in none, nothing is known of it but its looks (`evidence.py`). The chances of a pixel's classes are a product of three,
+which it is seen best. Where the point is in sight in none, nothing is known of it but its looks (`evidence.py`). The
+chances of a pixel's classes are a product of three,
 
     votes * owner^OWNER * colours^COLOURS
 
