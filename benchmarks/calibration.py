@@ -30,7 +30,7 @@ from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.query_mode import STRIDED
 from decomo_eval.tapvid import raster_to_pixels, sample_queries
 from decomo_runtime import Tracker
-from decomo_runtime.expected_error import FILE, LOWEST_SCORE, Calibration
+from decomo_runtime.expected_error import FILE, LOWEST_SCORE, NEAR, TAIL, Calibration, share_within
 from decomotion.console import run
 from decomotion.files import replacing
 from decomotion.units import unit
@@ -57,6 +57,9 @@ BINS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
 """Of told errors, in units."""
 LIMITS = (1.0, 2.0, 4.0, 8.0)
 """As `--max-error` of a clip of 256 pixels."""
+CHANCES = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+"""To be within `NEAR` of the truth, as likelihoods go by it."""
+TAILS = tuple(np.arange(0.8, 2.55, 0.1).round(1).tolist())
 FEWEST = 20
 """Answers of a clip in a bin that the diagram shows."""
 
@@ -175,6 +178,8 @@ def report(told: Sequence[Told]) -> dict[str, Any]:
     error, said = np.concatenate([each.answers.error for each in told]), np.concatenate([each.error for each in told])
     refined = np.concatenate([each.answers.refined_error for each in told])
     found, said_refined = np.isfinite(refined), np.concatenate([each.refined_error for each in told])
+    chance, near = share_within(said, NEAR, SHARE), error <= NEAR
+    likely = [(begin, end, (chance > begin) & (chance <= end)) for begin, end in pairwise(CHANCES)]
     bins = [(begin, end, (said > begin) & (said <= end)) for begin, end in pairwise(BINS)]
     return {
         "answers": len(error),
@@ -205,6 +210,17 @@ def report(told: Sequence[Told]) -> dict[str, Any]:
             }
             for begin, end, rows in bins
         ],
+        "chances": [
+            {
+                "above": begin,
+                "up_to": end,
+                "share_of_answers": _mean(rows, weight),
+                "chance": _mean(chance[rows], weight[rows]),
+                "near": _mean(near[rows], weight[rows]),
+            }
+            for begin, end, rows in likely
+        ],
+        "tail": min(TAILS, key=lambda tail: _surprise(share_within(said, NEAR, SHARE, tail), near, weight)),
         "limits": [
             {
                 "limit": limit,
@@ -232,6 +248,11 @@ def document(record: dict[str, Any]) -> Iterator[str]:
         cells = [_percent(each[key]) for key in ("kept", "within", "within_of_all")]
         yield markdown.line([f"{each['limit']:g}", *cells])
     yield ""
+    yield from markdown.head(["chance to be near", "share of answers", "in the mean", f"within {NEAR:g}"])
+    for each in record["chances"]:
+        cells = [_percent(each[key]) for key in ("share_of_answers", "chance", "near")]
+        yield markdown.line([f"{each['above']:g} to {each['up_to']:g}", *cells])
+    yield f"\nThe power with the least log loss is {record['tail']:g}; {TAIL:g} is used.\n"
     yield from markdown.head(["clip, left out", "frames", "answers", "within e", "median error", "median e"])
     for each in record["models"]:
         cells = [each["clip"], each["frames"], str(each["answers"]), _percent(each["within"])]
@@ -315,6 +336,11 @@ def _by_clip(told: Sequence[Told], begin: float, end: float) -> dict[str, float]
 
 def _mean(values: Floats | npt.NDArray[np.bool_], weight: Floats) -> float | None:
     return float(np.average(values, weights=weight)) if len(values) else None
+
+
+def _surprise(chance: Floats, true: npt.NDArray[np.bool_], weight: Floats) -> float:
+    """Log loss."""
+    return float(np.average(-np.log(np.where(true, chance, 1 - chance)), weights=weight))
 
 
 def _percent(share: float | None) -> str:

@@ -8,6 +8,12 @@ frames between query and answer; and of how far the fit is from links that were 
 
 and of an answer that was found in the clip's own pixels (`refinement.py`), refined_factor times that.
 
+The distances of answers that are told e from the truth are spread so that of them
+
+    1 / (1 + (1 / SHARE - 1) * (e / distance)^TAIL)
+
+are within a distance: half of them within 0.4 e, nine of ten within 1.7 e.
+
 The numbers are in `expected_error.json`, measured by `benchmarks/calibration.py` on clips whose truth is known where
 they are in sight: of a hidden answer e is what it would be if the point were in sight after all.
 """
@@ -32,6 +38,11 @@ LOWEST_SCORE = 1e-3
 """Scores below it tell nothing more."""
 FARTHEST_FACTOR = 4.0
 """At most, for the quality of a fit, either way: beyond it nothing was measured."""
+
+TAIL = 1.5
+"""How fast shares within distances near all, by the same clips (`benchmarks/calibration.py`)."""
+NEAR = 4.0
+"""Units within which an answer is taken for right where a likelihood is told: the middle of TAP-Vid's thresholds."""
 
 Floats = npt.NDArray[np.float32]
 
@@ -106,3 +117,19 @@ def expected_error(
 def refined_error(error: Floats, refined: npt.NDArray[np.bool_]) -> Floats:
     """[N, M], of answers of which some are `refined`, from the model's own."""
     return np.where(refined, np.float32(calibration().refined_factor), np.float32(1)) * error
+
+
+def share_within(
+    error: npt.NDArray[np.floating], distance: float, share: float, tail: float = TAIL
+) -> npt.NDArray[np.float64]:
+    """[...], of answers that are told errors [...], of which `share` are within, those that are within `distance`.
+
+    1 where the error is 0, and 0 where it is no number.
+    """
+    over = np.nan_to_num(error.astype(np.float64), nan=np.inf, posinf=np.inf).clip(0) / distance
+    return 1 / (1 + (1 / share - 1) * over**tail)
+
+
+def chance_near(error: npt.NDArray[np.floating], height: int, width: int) -> npt.NDArray[np.float64]:
+    """[...], the chance of answers with these expected errors, pixels, to be within `NEAR` units of the truth."""
+    return share_within(error, NEAR * unit(height, width), calibration().share)

@@ -78,11 +78,16 @@ def box_region(text: str, model: ModelFacts, option: str = "--box") -> Region:
     numbers = _numbers(place)
     if len(numbers) != 4 or not min(numbers[2:]) > 0:
         raise QueryError(f"{option} {text} is not {form}")
-    left, top, width, height = numbers
-    x, y = np.arange(model.width), np.arange(model.height)[:, None]
-    # a pixel belongs to it where its centre does
-    mask = (x >= left - 0.5) & (x < left + width - 0.5) & (y >= top - 0.5) & (y < top + height - 0.5)
+    corner, sides = np.reshape(numbers, (2, 2))
+    mask = box_mask(np.stack([corner, corner + sides]) - 0.5, (model.height, model.width))
     return _of_shape(option, text, mask, frame)
+
+
+def box_mask(corners: npt.NDArray[np.float64], size: tuple[int, int]) -> Mask:
+    """[H, W] of `size`, the pixels whose centres lie in a box [2, 2], its upper left and its lower right corner."""
+    x, y = np.arange(size[1]), np.arange(size[0])[:, None]
+    (left, top), (right, bottom) = corners
+    return (x >= left) & (x < right) & (y >= top) & (y < bottom)
 
 
 REGIONS: dict[str, Callable[[str, ModelFacts], Region]] = {

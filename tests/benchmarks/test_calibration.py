@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import calibration
-from calibration import Answers, diagram, document, fit, left_out, main, model_paths, report
-from decomo_runtime.expected_error import Calibration
+from calibration import Answers, Told, diagram, document, fit, left_out, main, model_paths, report
+from decomo_runtime.expected_error import TAIL, Calibration
 from decomotion.console import run
 from decomotion.images import png
 from decomotion.windows import FILE_NAME, Windows, split
@@ -93,6 +93,22 @@ def test_report_of_what_is_right():
     drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].get_lines()}
     assert {"a", "b", "c", "all"} <= drawn.keys()
     json.dumps(record)
+
+
+def test_chances_are_what_was_within():
+    """Of errors that are spread as the rule has it; the power that they were spread by comes out."""
+    for tail in (1.5, 2.0):
+        chance = np.random.default_rng(3)
+        quantile = np.exp(chance.normal(1, 0.8, 20000))
+        drawn = chance.uniform(size=20000)
+        error = quantile * (drawn / (1 - drawn) / 4) ** (1 / tail)
+        none = np.full(20000, np.nan)
+        told = Told(Answers("a", "a", None, none, np.ones(20000, np.int64), error, none), quantile, none)
+        record = report([told])
+        assert record["tail"] == pytest.approx(tail, abs=0.11)
+        if tail == TAIL:
+            for each in record["chances"]:
+                assert each["near"] == pytest.approx(each["chance"], abs=0.05)
 
 
 def test_files_and_folders_of_windows_are_models(tmp_path: Path):

@@ -15,8 +15,10 @@ from decomo_runtime.cli import main
 from decomo_runtime.expected_error import (
     FARTHEST_FACTOR,
     LOWEST_SCORE,
+    NEAR,
     Calibration,
     calibration,
+    chance_near,
     expected_error,
 )
 from decomo_runtime.formats.frames import in_order
@@ -57,6 +59,13 @@ def test_the_table_that_the_page_is_held_to():
 
 def test_at_the_query_there_is_none():
     assert error(0.9, 0) == 0
+
+
+def test_the_chance_to_be_near():
+    near = 2 * NEAR  # pixels of a frame of 512
+    told = chance_near(np.array([[0, near, 4 * near, 1e9, np.inf, np.nan]], np.float32), 300, 512)
+    np.testing.assert_allclose(told, [[1, calibration().share, 1 / (1 + 0.25 * 8), 0, 0, 0]], atol=1e-6)
+    assert chance_near(np.array([1]), 512, 40) == chance_near(np.array([2]), 40, 1024)
 
 
 def test_it_grows_with_the_score_and_with_time():

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from decomo_runtime import ModelFacts, QueryError
 from decomo_runtime.queries import check_queries
-from decomo_runtime.regions import queries_in, region_queries
+from decomo_runtime.regions import box_mask, queries_in, region_queries
 
 HEIGHT, WIDTH = 40, 48
 MODEL = ModelFacts("clip", num_frames=6, height=HEIGHT, width=WIDTH, fps=24.0, preset="cpu", occlusion_threshold=0.5)
@@ -103,6 +103,14 @@ def test_of_a_polygon_what_lies_in_the_frame():
 )
 def test_a_box_s_pixels(text: str, columns: range, rows: range):
     assert box_queries(text, 1.0, MODEL).tolist() == [[5, x, y] for y in rows for x in columns]
+
+
+def test_a_box_holds_the_pixels_whose_centres_lie_in_it():
+    """On its left and upper side they belong to it, so that boxes side by side share none."""
+    left, right = (box_mask(np.array([[x, 1.5], [x + 3, 4]]), (6, 9)) for x in (1.0, 4.0))
+    assert np.argwhere(left).tolist() == [[y, x] for y in (2, 3) for x in (1, 2, 3)]
+    assert np.argwhere(right).tolist() == [[y, x] for y in (2, 3) for x in (4, 5, 6)]
+    assert not box_mask(np.array([[2.1, 1], [2.9, 4]]), (6, 9)).any()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 Blender counts a clip's frames from 1, `frame_start` says where in the scene that is. Positions are in shares of the
 frame from its bottom left corner, edge to edge. Where a point is hidden there is a muted marker: no track until the
-next key.
+next key. A track's weight, by which a solved camera goes, is the mean likelihood of its places.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ CLIP = {clip!r}
 SIZE = ({width}, {height})  # pixels
 FRAME_START = {frame_start}  # of the scene, where the clip begins
 PIXEL_ASPECT = {pixel_aspect!r}
-TRACKS = [  # name, markers (frame of the clip, x, y), frames from which on the point is hidden
+TRACKS = [  # name, weight, markers (frame of the clip, x, y), frames from which on the point is hidden
 {tracks}]
 
 
@@ -54,8 +54,9 @@ def build(clip):
     clip.frame_start = FRAME_START
     clip.tracking.camera.pixel_aspect = PIXEL_ASPECT
     tracks = clip.tracking.tracks
-    for name, markers, hidden in TRACKS:
+    for name, weight, markers, hidden in TRACKS:
         track = tracks.get(name) or tracks.new(name=name, frame=markers[0][0])
+        track.weight = weight
         for frame, x, y in markers:
             track.markers.insert_frame(frame, co=(x, y)).mute = False
         places = {{frame: (x, y) for frame, x, y in markers}}
@@ -98,7 +99,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
 def _line(point: Keys, about: About) -> str:
     shares = from_bottom_left(point.xy, about.height) / (about.width, about.height)
     markers = ", ".join(f"({n}, {x:.9f}, {y:.9f})" for n, (x, y) in zip(point.numbers, shares, strict=True))
-    return f'    ("{point.name}", [{markers}], {_hidden_from(point)}),\n'
+    return f'    ("{point.name}", {point.likelihood.mean():.4f}, [{markers}], {_hidden_from(point)}),\n'
 
 
 def _hidden_from(point: Keys) -> list[int]:

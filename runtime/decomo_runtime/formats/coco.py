@@ -1,6 +1,7 @@
 """COCO keypoints: an annotation for each image, with (x, y, visibility) of each point.
 
 Visibility is 2 where a point is in sight, 1 where it is hidden and its place is told all the same, 0 where it has none.
+An annotation's `score`, as results have it, is the mean of its points' likelihoods.
 Pixel centres are at whole numbers. What a frame's number is, COCO does not say: here it is `frame_id`, from 0, as in
 data sets of videos.
 """
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import image_names, in_frame, in_order
+from decomo_runtime.formats.frames import image_names, in_frame, in_order, likelihood
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.formats.keys import shown
 from decomo_runtime.formats.objects import objects_of
@@ -45,12 +46,14 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     visibility = np.where(in_frame(tracks, about), np.where(tracks.occluded, HIDDEN, IN_SIGHT), 0)
     objects = objects_of(about, len(tracks.xy))
     category = {"id": 1, "name": about.name, "supercategory": "", "keypoints": objects.parts, "skeleton": []}
+    score = objects.mean(likelihood(tracks, about))
     xy, seen = objects.arranged(tracks.xy.astype(np.float64), np.nan), objects.arranged(visibility, 0)
     with open(path, "w", encoding="utf-8") as file:  # an annotation at a time: all are many
         file.write(f'{{"images": {json.dumps(images)}, "categories": {json.dumps([category])}, "annotations": [')
         for number, (column, row) in enumerate(shown(np.argwhere(seen.any(axis=1).T).tolist(), "annotations"), 1):
             numbers = {"id": number, "image_id": images[column]["id"], "category_id": 1, "track_id": row + 1}
             annotation = numbers | _annotation(xy[row, :, column], seen[row, :, column])
+            annotation["score"] = round(float(score[row, column]), _DECIMALS)
             file.write(("\n" if number == 1 else ",\n") + json.dumps(annotation, allow_nan=False))
         file.write("\n]}\n")
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import QueryError, TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import in_order, scores
+from decomo_runtime.formats.frames import in_order, likelihood
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.formats.keys import shown
 from decomo_runtime.formats.objects import objects_of
@@ -61,7 +61,7 @@ def check(_: int, frames: npt.NDArray[np.int64], __: About) -> None:
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
-    """Predictions for all frames from the clip's first; the likelihood is how surely a point is in sight.
+    """Predictions for all frames from the clip's first, with the likelihood of each place (`frames.py`).
 
     Where a point has no place, and in frames in which none was looked for, cells are empty. Raises `TracksFileError`
     where an .h5 cannot name so many points.
@@ -70,7 +70,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     objects = objects_of(about, len(tracks.xy))
     heads = [(name, part) if objects.several else (part,) for name in objects.names for part in objects.parts]
     columns = [(SCORER, *head, coord) for head in heads for coord in COORDS]
-    values = np.concatenate([tracks.xy.astype(np.float64), scores(tracks)[..., None]], axis=-1)
+    values = np.concatenate([tracks.xy.astype(np.float64), likelihood(tracks, about)[..., None]], axis=-1)
     values[~np.isfinite(values).all(axis=-1)] = np.nan
     values = objects.arranged(values, np.nan).reshape(len(heads), len(tracks.frames), len(COORDS))
     numbers = about.numbers(np.arange(max(about.length or 0, int(tracks.frames[-1]) + 1)), 0)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
+from decomo_runtime.expected_error import chance_near
 from decomo_runtime.formats.about import About
 from decomo_runtime.tracks import Tracks
 from decomotion.clip import clip_part
@@ -45,9 +46,14 @@ def in_frame(tracks: Tracks, about: About) -> npt.NDArray[np.bool_]:
     return (x >= -0.5) & (x <= about.width - 0.5) & (y >= -0.5) & (y <= about.height - 0.5)
 
 
-def scores(tracks: Tracks) -> npt.NDArray[np.float64]:
-    """[N, M], how surely a point is in sight, from 0 to 1: 1 - occlusion."""
-    return 1.0 - np.clip(np.nan_to_num(tracks.occlusion.astype(np.float64), nan=1.0), 0, 1)
+def likelihood(tracks: Tracks, about: About) -> npt.NDArray[np.float64]:
+    """[N, M], how surely a point is in sight where it is told to be, from 0 to 1: the rule of all formats that ask.
+
+    1 - occlusion, times the chance that the place is near the truth (`expected_error.py`) where the tracks say how far
+    off it may be; then `TracksFileError` where the clip's size is not known.
+    """
+    in_sight = 1.0 - np.clip(np.nan_to_num(tracks.occlusion.astype(np.float64), nan=1.0), 0, 1)
+    return in_sight if tracks.error is None else in_sight * chance_near(tracks.error, about.height, about.width)
 
 
 def image_names(about: About, frames: npt.NDArray[np.int64]) -> list[str]:

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import in_order, unique_names
+from decomo_runtime.formats.frames import in_order, likelihood, unique_names
 from decomo_runtime.tracks import Tracks
 
 log = logging.getLogger(__name__)
@@ -39,6 +39,8 @@ class Keys:
     """[K], frame numbers of the tool, rising."""
     xy: Places
     """[K, 2], as `Tracks.xy`."""
+    likelihood: npt.NDArray[np.float64]
+    """[K], from 0 to 1 (`frames.py`)."""
     all_numbers: npt.NDArray[np.int64]
     """[M], of all frames in which the point was looked for, rising."""
 
@@ -54,16 +56,17 @@ class Keys:
 def keyed(tracks: Tracks, about: About, first: int) -> list[Keys]:
     """The points that are in sight anywhere; a line tells of those that are not. `first`: see `About.numbers`.
 
-    Raises `TracksFileError` where a point in sight has no finite place.
+    Raises `TracksFileError` where a point in sight has no finite place, or the clip's size is not known.
     """
     tracks = in_order(tracks)
     numbers = about.numbers(tracks.frames, first)
     in_sight = ~tracks.occluded
     names = plain_names(about.names(len(tracks.xy)))
-    points = []
+    sure, points = likelihood(tracks, about), []
     for point in np.flatnonzero(in_sight.any(axis=1)).tolist():
         seen = in_sight[point]
-        points.append(Keys(names[point], numbers[seen], tracks.xy[point, seen].astype(np.float64), numbers))
+        xy = tracks.xy[point, seen].astype(np.float64)
+        points.append(Keys(names[point], numbers[seen], xy, sure[point, seen], numbers))
     missing = len(names) - len(points)
     if not points:
         raise TracksFileError("no point is in sight in any of the frames, so that there are no keys to write")

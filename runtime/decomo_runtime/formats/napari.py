@@ -1,10 +1,10 @@
 """napari's Tracks layer as a table: columns track_id, t, y, x are its data, the others its features.
 
     data = numpy.loadtxt("tracks.csv", delimiter=",", skiprows=1)
-    viewer.add_tracks(data[:, :4], features={"occlusion": data[:, 4], "occluded": data[:, 5]})
+    viewer.add_tracks(data[:, :4], features={"occlusion": data[:, 4], "occluded": data[:, 5], "error": data[:, 6]})
 
-Pixel centres are at whole numbers. A layer joins the vertices of a track: hidden ones are there too,
-and marked, but none beyond the frame, which the view would have to hold.
+Pixel centres are at whole numbers; `error`, in pixels, is absent where it is not known. A layer joins the vertices of
+a track: hidden ones are there too, and marked, but none beyond the frame, which the view would have to hold.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ from decomo_runtime.formats.frames import in_frame, in_order
 from decomo_runtime.tracks import Tracks
 
 FIRST_FRAME = 0
-_FORMATS = {"track_id": "%d", "t": "%d", "y": "%.4f", "x": "%.4f", "occlusion": "%.4f", "occluded": "%d"}
+_VERTEX = {"track_id": "%d", "t": "%d", "y": "%.4f", "x": "%.4f"}
+_FEATURES = {"occlusion": "%.4f", "occluded": "%d", "error": "%.4f"}
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
     """Raises `TracksFileError` where no point is in the frame."""
     data, features = layer(tracks, about)
     with open(path, "w", encoding="ascii", newline="\n") as file:
-        file.write(",".join(_FORMATS) + "\n")
-        np.savetxt(file, np.column_stack([data, *features.values()]), fmt=",".join(_FORMATS.values()))
+        formats = _VERTEX | {name: _FEATURES[name] for name in features}
+        file.write(",".join(formats) + "\n")
+        np.savetxt(file, np.column_stack([data, *features.values()]), fmt=",".join(formats.values()))
 
 
 def layer(tracks: Tracks, about: About) -> tuple[npt.NDArray[np.float64], dict[str, npt.NDArray[Any]]]:
@@ -46,7 +48,6 @@ def layer(tracks: Tracks, about: About) -> tuple[npt.NDArray[np.float64], dict[s
     point, column = np.nonzero(kept)
     x, y = tracks.xy[point, column].astype(np.float64).T
     data = np.column_stack([point, about.numbers(tracks.frames, FIRST_FRAME)[column], y, x])
-    return data.astype(np.float64), {
-        "occlusion": tracks.occlusion[point, column],
-        "occluded": tracks.occluded[point, column],
-    }
+    of_points = {"occlusion": tracks.occlusion, "occluded": tracks.occluded, "error": tracks.error}
+    features = {name: values[point, column] for name, values in of_points.items() if values is not None}
+    return data.astype(np.float64), features

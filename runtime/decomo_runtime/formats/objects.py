@@ -36,6 +36,10 @@ class Objects:
         filler = np.full_like(values[:1], nothing)
         return np.concatenate([values, filler])[self.rows]
 
+    def mean(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """[O, ...], of each object the mean of what is known of its points [N, ...]."""
+        return np.stack([values[row[row >= 0]].mean(axis=0) for row in self.rows])
+
 
 def objects_of(about: About, number: int) -> Objects:
     """By the names of the `number` points.

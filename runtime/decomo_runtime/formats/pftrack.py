@@ -1,8 +1,8 @@
 """PFTrack: 2D tracks as its track nodes export and import them as text.
 
 Of each point its name in quotes, the number of the clip, the number of its keys, and a line for each: frame, x, y,
-similarity. Frames are counted from 1, y is up, and the first pixel's centre, at the bottom left, is at (0, 0). Hidden
-frames have no line.
+similarity, which is the likelihood of the place. Frames are counted from 1, y is up, and the first pixel's centre, at
+the bottom left, is at (0, 0). Hidden frames have no line.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from decomo_runtime.tracks import Tracks
 
 FIRST_FRAME = 1
 _HEADER = '# "Name"\n# clipNumber\n# frameCount\n# frame, xpos, ypos, similarity\n'
-_CLIP, _SIMILARITY = 1, "1.000000"
+_CLIP = 1
 
 
 def write(tracks: Tracks, path: Path, about: About) -> None:
@@ -26,5 +26,5 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
         file.write(_HEADER)
         for point in shown(points):
             file.write(f'\n"{point.name}"\n{_CLIP}\n{len(point.numbers)}\n')
-            for frame, (x, y) in zip(point.numbers, point.xy, strict=True):
-                file.write(f"{frame} {x:.6f} {top - y:.6f} {_SIMILARITY}\n")
+            for frame, (x, y), similarity in zip(point.numbers, point.xy, point.likelihood, strict=True):
+                file.write(f"{frame} {x:.6f} {top - y:.6f} {similarity:.6f}\n")

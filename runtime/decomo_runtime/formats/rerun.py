@@ -1,6 +1,7 @@
 """rerun's recording: the points frame by frame, those in sight and those hidden, and the way they came.
 
-The first pixel's centre is at (0.5, 0.5). With the clip's frames behind the points, where they are known.
+About points in sight are circles as wide as their expected error. The first pixel's centre is at (0.5, 0.5). With the
+clip's frames behind the points, where they are known.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from decomotion.files import check_room
 
 FIRST_FRAME = 0
 CLIP, IN_SIGHT, HIDDEN, TRAILS = "clip", "clip/in_sight", "clip/hidden", "clip/trails"
+ERROR = "clip/error"
 """Entities."""
 _RADII = {IN_SIGHT: 2.5, HIDDEN: 1.0}
 _WIDTH = 0.5
 """Half of a trail's, in pixels as radii are."""
+_CIRCLE = 0.25
+"""Half the width of a circle's line, likewise."""
 _JPEG = 90
 
 
@@ -68,6 +72,17 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
                         show_labels=False,
                     ),
                 )
+            if tracks.error is not None:
+                around = tracks.error[seen[:, column], column]
+                recording.log(
+                    ERROR,
+                    rr.Ellipses2D(
+                        half_sizes=np.column_stack([around, around]),
+                        centers=xy[seen[:, column], column],
+                        line_radii=_CIRCLE,
+                        colors=colours[seen[:, column]],
+                    ),
+                )
             steps = seen[:, column] & seen[:, max(0, column - 1)]
             segments = xy[steps][:, [max(0, column - 1), column]]
             recording.log(TRAILS, rr.LineStrips2D(segments, radii=_WIDTH, colors=colours[steps]))
@@ -81,7 +96,7 @@ def _room(tracks: Tracks, clip: Clip | None) -> int:
         if clip is None
         else [len(_jpeg(clip, int(frame))) for frame in tracks.frames[[0, len(tracks.frames) // 2, -1]]]
     )
-    return 2**20 + 128 * tracks.occluded.size + (4096 + 2 * max(some, default=0)) * len(tracks.frames)
+    return 2**20 + 160 * tracks.occluded.size + (4096 + 2 * max(some, default=0)) * len(tracks.frames)
 
 
 def _jpeg(clip: Clip, frame: int) -> bytes:

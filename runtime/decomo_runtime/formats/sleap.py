@@ -1,7 +1,7 @@
 """SLEAP: the points of an object as nodes of a skeleton, an instance for each object and frame, as predictions.
 
-Pixel centres are at whole numbers, frames count from 0. A point's score is how surely it is in sight; a hidden one is
-not visible, and its place is kept.
+Pixel centres are at whole numbers, frames count from 0. A point's score is its likelihood, an instance's their mean; a
+hidden point is not visible, and its place is kept.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.frames import clip_files, in_order, scores
+from decomo_runtime.formats.frames import clip_files, in_order, likelihood
 from decomo_runtime.formats.keys import shown
 from decomo_runtime.formats.objects import objects_of
 from decomo_runtime.tracks import Tracks
@@ -45,7 +45,8 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
     skeleton = sio.Skeleton(nodes=objects.parts, name=about.name)
     owners = [sio.Track(name) for name in objects.names]
     video, numbers = _video(sio, tracks, about), (tracks.frames + _frames_before(about)).tolist()
-    score = objects.arranged(scores(tracks), 0)
+    scores = likelihood(tracks, about)
+    score, of_object = objects.arranged(scores, 0), objects.mean(scores)
     xy, visible = objects.arranged(tracks.xy, np.nan), objects.arranged(~tracks.occluded, False)
     frames = []
     for column, number in shown(list(enumerate(numbers)), "frames"):
@@ -54,7 +55,7 @@ def write(tracks: Tracks, path: Path, about: About) -> None:
                 np.column_stack([xy[row, :, column], score[row, :, column], visible[row, :, column]]),
                 skeleton=skeleton,
                 track=owner,
-                score=float(score[row, :, column].mean()),
+                score=float(of_object[row, column]),
             )
             for row, owner in enumerate(owners)
         ]

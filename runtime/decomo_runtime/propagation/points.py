@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.regions import region_queries
+from decomo_runtime.regions import box_mask, region_queries
 
 if TYPE_CHECKING:
     from decomo_runtime.tracker import Tracker
@@ -118,9 +118,7 @@ def carry_box(tracker: Tracker, drawn: Mapping[int, Floats], frames: npt.NDArray
 
 def _in_box(tracker: Tracker, box: Floats, frame: int) -> Floats:
     """[N, 3] rows of (t, x, y)."""
-    x, y = np.arange(tracker.width), np.arange(tracker.height)[:, None]
-    (left, top), (right, bottom) = box
-    inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+    inside = box_mask(box, (tracker.height, tracker.width))
     queries = region_queries(inside, frame, max(1.0, float((box[1] - box[0]).min()) / ACROSS))
     own = tracker.on_object(queries)
     return queries[own] if own.mean() >= OWNED and own.sum() >= LEAST else queries

@@ -1,8 +1,8 @@
 """Regions carried from annotated frames to others.
 
-Each pixel of a frame asks where its point was in every annotated frame, and takes the label that it had there: of
-several frames, those count the most in which the answer is the surest. Where the point is in sight in none, nothing is
-known of it but its looks (`evidence.py`). The chances of a pixel's classes are a product of three,
+Each pixel of a frame asks where its point was in every annotated frame, and takes the label that it had in the one in
+which it is seen best. Where the point is in sight in none, nothing is known of it but its looks (`evidence.py`). The
+chances of a pixel's classes are a product of three,
 
     votes * owner^OWNER * colours^COLOURS
 
@@ -40,7 +40,7 @@ OWNER, COLOURS = 0.7, 0.6
 SUREST = 0.95
 """Chance that a single one of the three may give."""
 FALL = 2.0
-"""Power by which an annotated frame's word counts less as the expected error grows, in units."""
+"""Power by which a point is seen worse in an annotated frame as the expected error grows, in units."""
 SPECK = 1 / 200
 """Parts of a mask that are smaller than this share of its largest are left out."""
 LEAST_COMMON = 16
@@ -133,11 +133,11 @@ class Regions:
         votes = np.full((self._count + 1, *self._size), even, np.float32)
         for number in range(self._count):
             speaking = [column for column, masks in enumerate(said) if number in masks]
-            weights = sight[speaking] * sure[speaking]
-            total = weights.sum(axis=0)
-            share = sum(weight * said[column][number] for weight, column in zip(weights, speaking, strict=True))
-            trust = sight[speaking].max(axis=0, initial=0)
-            votes[number + 1] = trust * share / np.maximum(total, 1e-6) + (1 - trust) * even
+            if speaking:
+                best = (sight[speaking] * sure[speaking]).argmax(axis=0)[None]
+                shares = np.stack([said[column][number] for column in speaking])
+                share, trust = (np.take_along_axis(values, best, axis=0)[0] for values in (shares, sight[speaking]))
+                votes[number + 1] += trust * (share - even)
         votes[0] = (1 - votes[1:].sum(axis=0)).clip(0, 1)
         return votes / votes.sum(axis=0)
 

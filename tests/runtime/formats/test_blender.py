@@ -30,6 +30,7 @@ clip = bpy.data.movieclips[0]
 print("ANSWER" + json.dumps({
     "clips": len(bpy.data.movieclips), "size": list(clip.size), "frame_start": clip.frame_start,
     "frames": clip.frame_duration, "pixel_aspect": clip.tracking.camera.pixel_aspect,
+    "weights": [t.weight for t in clip.tracking.tracks],
     "tracks": {t.name: [[m.frame, list(m.co), m.mute] for m in t.markers] for t in clip.tracking.tracks},
 }))
 """
@@ -65,11 +66,15 @@ def answer(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
 
 def test_the_tracks_are_in_the_clip(bpy: str, tmp_path: Path, frames: Path):
     about = About(clip=frames, first_frame=101, pixel_aspect=1.5)
-    known_tracks().save(tmp_path / "tracks.py", about=about)
+    tracks = known_tracks()
+    error = np.zeros_like(tracks.occlusion)
+    error[0, 1] = 10  # four units: the place is near the truth with 0.8
+    replace(tracks, error=error).save(tmp_path / "tracks.py", about=about)
     found = answer(run(bpy, tmp_path / "tracks.py", times=2))
     assert (found["clips"], found["size"], found["frames"]) == (1, [WIDTH, HEIGHT], NUM_FRAMES)
     assert (found["frame_start"], found["pixel_aspect"]) == (101, 1.5)
     assert list(found["tracks"]) == ["point_00", "point_01"]
+    np.testing.assert_allclose(found["weights"], [(0.8 + 3) / 4, 1], atol=1e-6)
     corner, late = found["tracks"].values()
     assert [(frame, mute) for frame, _, mute in corner] == [
         *((1, False), (2, False), (3, True), (4, False), (5, False), (6, True))

@@ -61,6 +61,21 @@ def test_its_first_lines(tmp_path: Path):
     assert len(lines) == 1 + 15
 
 
+def test_how_far_off_a_point_may_be(tmp_path: Path, viewer: Any):
+    tracks = known_tracks()
+    error = np.zeros_like(tracks.occlusion)
+    error[0] = [0, 1.5, 40, 2.25, 3]
+    tracks = replace(tracks, error=error)
+    tracks.save(tmp_path / "a.npz")
+    (layer,) = viewer.open(str(tmp_path / "a.npz"), plugin="decomotion")
+    assert layer.features["error"][:NUM_FRAMES].tolist() == [0, 1.5, 40, 2.25, 3]
+    layer.color_by = "error"
+    tracks.save(tmp_path / "a.csv", "napari")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0] == "track_id,t,y,x,occlusion,occluded,error"
+    assert lines[2] == "0,1,359.0000,639.0000,0.0000,0,1.5000"
+
+
 @pytest.mark.parametrize("name", ["a.npz", "a.csv", "a.json"])
 def test_napari_opens_tracks(tmp_path: Path, viewer: Any, name: str):
     known_tracks().save(tmp_path / name)

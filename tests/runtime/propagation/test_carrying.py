@@ -96,6 +96,13 @@ def test_of_two_annotated_frames_the_nearer_speaks(reach: int):
     assert overlap(found[6][0][0].mask, square_mask(6)) < 0.75
 
 
+def test_where_a_point_is_seen_best_outvotes_many_that_are_less_sure():
+    """Frame 5, nearest to 3, has the whole square, three others a part of it."""
+    small = {frame: square_mask(frame) & (np.indices(SIZE)[0] >= HEIGHT // 2 + 2) for frame in (0, 6, 7)}
+    found = carried(annotation(square(5), *(Shape(0, t, Kind.MASK, mask=mask) for t, mask in small.items())), Fading(9))
+    assert overlap(found[3][0][0].mask, square_mask(3)) > 0.9
+
+
 def test_disagreement_tells_object_frame_and_annotations():
     wrong = np.roll(square_mask(6), 6, axis=0)
     given = annotation(square(0), square(3), Shape(0, 6, Kind.MASK, mask=wrong))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import AnnotationError
 from decomo_runtime.propagation.outlines import MOST, box_around, filled
 from decomo_runtime.propagation.shapes import Kind, Shape
+from decomo_runtime.regions import box_mask
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,7 @@ def box(path: Path, thing: int, frame: int, corners: npt.ArrayLike, clip: ClipFa
     """A shape of two corners [2, 2]; `AnnotationError` where it holds no pixel of the frame."""
     xy = _checked(path, corners, 2)
     xy = np.stack([xy.min(axis=0), xy.max(axis=0)])
-    x, y = np.arange(clip.size[1]), np.arange(clip.size[0])
-    (left, top), (right, bottom) = xy
-    if not (((x >= left) & (x < right)).any() and ((y >= top) & (y < bottom)).any()):
+    if not box_mask(xy, clip.size).any():
         raise _outside(path, "a box", frame, clip)
     return Shape(thing, frame, Kind.BOX, xy=xy, occluded=np.zeros(2, bool))
 
