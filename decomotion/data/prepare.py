@@ -202,6 +202,11 @@ class _Work:
             return None
         return read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
 
+    @property
+    def masks_of_links(self) -> MaskFiles | None:
+        """Given masks, where flow is to follow by itself what they hold."""
+        return self.given_masks if getattr(self.config.flow, "alone", False) else None
+
     @cached_property
     def tracks(self) -> UserTracks | None:
         return None if self.config.tracks is None else read_tracks(self.config.tracks, self.clip)
@@ -266,6 +271,7 @@ class _Work:
             matching=matching.model_dump(mode="json", exclude={"weights"}),
             match_weights=[file_digest(Path(file)) for file in matching.weights],
             tracks=None if self.tracks is None else self.tracks.digest(),
+            masks=None if self.masks_of_links is None else self.masks_of_links.digest,
         )
         return asked if self.rebuild or asked.finished else self.no_worse(asked) or asked
 
@@ -327,8 +333,9 @@ class _Work:
     def build_links(self, folder: Path) -> dict[str, Any]:
         begin, random = time.monotonic(), generator(self.seed, "points")
         clips = self.clip, self.working
-        given = (self.tracks, self.estimator, self.matcher, self.progress, folder, time.monotonic() - begin)
-        return build_links(*clips, self.config, self.count, self.seconds_after_links, random, *given)
+        given = (self.tracks, self.estimator, self.matcher, self.masks_of_links)
+        how = (self.progress, folder, time.monotonic() - begin)
+        return build_links(*clips, self.config, self.count, self.seconds_after_links, random, *given, *how)
 
     def seconds_after_links(self, points: int) -> float:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""

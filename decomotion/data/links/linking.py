@@ -10,12 +10,14 @@ Errors are counted in units of a pixel of a frame whose longer side is 256, so t
 resolution; positions are in pixels of the flow's raster.
 
 Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/links/matching.py`).
+Where masks are given, what moves has a second way to go, the flow of it alone, and is hidden where a hop leaves the
+masks (`decomotion/data/links/layer.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.data.flow.interface import Flow
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, nearest
 from decomotion.units import unit
 
 if TYPE_CHECKING:  # it needs torch, which linking does not
@@ -32,6 +34,7 @@ if TYPE_CHECKING:  # it needs torch, which linking does not
 Xy = npt.NDArray[np.float32]
 FlowLookup = Callable[[int, int], Flow]
 MatchLookup = Callable[[int, int], "Matches"]
+MaskLookup = Callable[[int], npt.NDArray[np.bool_]]
 _Which = slice | npt.NDArray[np.int64]
 RefineLookup = Callable[[int, int, Xy, Xy, tuple[int, ...]], Xy]
 
@@ -69,6 +72,18 @@ class Rematching:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """What moves, where masks are given."""
+
+    flow: FlowLookup
+    """`flow(i, j)` is the flow of it alone from frame i to frame j, [h, w, 2]."""
+    mask: MaskLookup
+    """`mask(i)`: [h, w], it in frame i."""
+    reach: MaskLookup
+    """`reach(i)`: [h, w], where it can lie in frame i."""
+
+
+@dataclass(frozen=True)
 class Links:
     """Where the points of all source frames lie in one target frame. Axes: source frame, point."""
 
@@ -103,6 +118,7 @@ def link(
     max_gap: int,
     step: int,
     rematching: Rematching | None = None,
+    moving: Moving | None = None,
 ) -> Iterator[Links]:
     """Carries the points of every frame through the clip in one direction.
 
@@ -114,6 +130,7 @@ def link(
         max_gap: longest gap between source and target.
         step: +1 to go forward in time, -1 backward.
         rematching: beside flow, matches by appearance.
+        moving: what moves, where that is known: another way for it beside `flow`.
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
@@ -127,7 +144,15 @@ def link(
             best = _State.unreached(starts[0][1].sources, own)
             for origin, start in starts:
                 gap = abs(target - origin)
-                _hop(best, start, flow(origin, target), flow(target, origin), gap, cycle_threshold)
+                both = flow(origin, target), flow(target, origin)
+                if moving is None:
+                    _hop(best, start, *both, gap, cycle_threshold)
+                    continue
+                moves, reach = nearest(moving.mask(origin), start.xy), moving.reach(target)
+                _hop(best, start, *both, gap, cycle_threshold, (moves, reach))
+                alone = replace(start, variance=np.where(moves, start.variance, np.float32(np.inf)))
+                both = moving.flow(origin, target), moving.flow(target, origin)
+                _hop(best, alone, *both, gap, cycle_threshold, (moves, reach))
             if rematching is not None:
                 raster = flow(target, target - step).shape[:2]
                 again = list(_starts(reached, target, rematching.intervals, max_gap, step))
@@ -198,8 +223,19 @@ def _starts(
             yield origin, reached[origin].later(int((np.abs(sources - target) > max_gap).sum()))
 
 
-def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, cycle_threshold: float) -> None:
-    """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over."""
+def _hop(
+    best: _State,
+    start: _State,
+    forward: Flow,
+    backward: Flow,
+    gap: int,
+    cycle_threshold: float,
+    bounds: tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]] | None = None,
+) -> None:
+    """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over.
+
+    `bounds`: which points [source, point] move, and where [h, w] what moves can end; elsewhere it is gone.
+    """
     height, width = forward.shape[:2]
     added = HOP_VARIANCE + GAP_VARIANCE * gap**2
 
@@ -208,6 +244,9 @@ def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, c
         there = xy + bilinear(forward, xy)
         error = cycle_error(xy, there, backward) / np.float32(unit(height, width))
         gone = outside(there, height, width)
+        if bounds is not None:
+            moves, reach = bounds
+            gone |= moves.reshape(-1)[which] & ~nearest(reach, there)
         error[gone] = CYCLE_LIMIT
         occluded = start.occluded.reshape(-1)[which] | gone | (error > cycle_threshold)
         np.minimum(error, np.float32(CYCLE_LIMIT), out=error)
