@@ -142,9 +142,10 @@ class FlowStore:
             if guided and (starts := self._matched(couple)) is not None and doubtful(both, starts):
                 both = nearer(both, self._ask(couple, starts))
         if self.layer is not None:
-            for way in (couple, couple[::-1]):
-                frames = self.clip.frames[way[0]], self.clip.frames[way[1]]
-                self._alone.write(*way, self.layer.flow(self.estimator, frames, way).astype(np.float16))
+            for first, second in (couple, couple[::-1]):
+                frames = self.clip.frames[first], self.clip.frames[second]
+                flow = self.layer.flow(self.estimator, frames, (first, second))
+                self._alone.write(first, second, flow.astype(np.float16))
         for (first, second), flow in zip((couple, couple[::-1]), both, strict=True):
             self._files.write(first, second, flow.astype(np.float16))
 

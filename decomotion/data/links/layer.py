@@ -60,8 +60,13 @@ class Layer:
         flow = np.zeros((*self._size[::-1], 2), np.float32)
         if (part := self._part(*pair)) is not None:
             first, second = (self._alone(frame, number)[part] for frame, number in zip(frames, pair, strict=True))
-            flow[part] = estimator(first, second, pair)
+            start = np.broadcast_to(self._middle(pair[1]) - self._middle(pair[0]), flow[part].shape)
+            flow[part] = estimator(first, second, pair, start.astype(np.float32))
         return flow
+
+    def _middle(self, frame: int) -> npt.NDArray[np.float64]:
+        """(x, y), the mean of the pixels that move."""
+        return np.argwhere(self.mask(frame)).mean(axis=0)[::-1]
 
     def _alone(self, frame: Frame, number: int) -> Frame:
         """What moves, brought to the raster, and grey."""
