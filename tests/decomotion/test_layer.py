@@ -69,7 +69,7 @@ def test_only_what_moves_is_shown_and_only_the_part_that_it_fills() -> None:
     part = (slice(0, 41), slice(32, 68))
     assert pair == (1, 0)
     for shown, mask in ((first, masks[1]), (second, masks[0])):
-        np.testing.assert_array_equal(shown, np.where(mask[part][..., None], 7, GREY))
+        np.testing.assert_array_equal(shown, np.where(mask[part][..., None], frames[0][part], GREY))
     np.testing.assert_array_equal(flow[part], np.broadcast_to([1, 2], (41, 36, 2)))
     flow[part] = 0
     assert not flow.any()

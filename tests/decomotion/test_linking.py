@@ -342,9 +342,18 @@ class TestMoving:
             assert not links.occluded.any()
 
     @both_ways
+    def test_to_and_from_a_frame_without_a_mask_it_goes_with_the_rest(self, step: int):
+        nothing, points = np.zeros((HEIGHT, WIDTH), np.bool_), self.points()
+        masks = [nothing if frame == 4 else self.limb(frame) for frame in range(FRAMES)]
+        moving = Moving(self.moving(2).flow, masks.__getitem__, lambda _: ~nothing)
+        for links in link(points, self.still, (1,), THRESHOLD, 1, step, None, moving):
+            ((source,), (moved,)) = links.sources, links.xy[:, 6:, 0] - points[links.sources, 6:, 0]
+            np.testing.assert_allclose(moved, 0 if 4 in (source, links.target) else 2 * step, atol=0.2)
+
+    @both_ways
     def test_what_leaves_the_masks_is_hidden(self, step: int):
         """By the flow of all it stays behind, by its own it goes too far."""
-        for links in link(self.points(), self.still, (1, 2), THRESHOLD, 9, step, None, self.moving(9)):
-            far = np.abs(links.target - links.sources) > 3
+        for links in link(self.points(), self.still, (1, 2), THRESHOLD, 9, step, None, self.moving(20)):
+            far = np.abs(links.target - links.sources) > 4
             assert links.occluded[far][:, 6:].all()
             assert not links.occluded[:, :6].any()

@@ -313,7 +313,8 @@ class TestCache:
         self, builds: list[str], clip: Clip, alone: bool, tmp_path: Path
     ):
         """With other links where what they hold is followed by itself."""
-        settings = config("data.features=none", f"data.masks={tmp_path / 'masks'}", f"data.flow.alone={alone}")
+        settings = config("data.features=none", f"data.masks={tmp_path / 'masks'}")
+        settings = settings.model_copy(update={"flow": settings.flow.model_copy(update={"alone": alone})})
         for level in (0, 255):
             shutil.rmtree(tmp_path / "masks", ignore_errors=True)
             write_frames(Clip("masks", np.full_like(clip.frames, level), 24.0), tmp_path / "masks")

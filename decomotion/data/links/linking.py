@@ -137,6 +137,9 @@ def link(
     order = range(len(points)) if step > 0 else range(len(points) - 1, -1, -1)
     longest = max(intervals + (rematching.intervals if rematching else ()))
     reached: dict[int, _State] = {}
+    moves = np.zeros((0, 0), np.bool_)
+    if moving is not None:
+        moves = np.stack([nearest(moving.mask(frame), xy) for frame, xy in enumerate(points)])
     for target in order:
         own = _State.of(target, points[target])
         starts = list(_starts(reached, target, intervals, max_gap, step))
@@ -148,11 +151,12 @@ def link(
                 if moving is None:
                     _hop(best, start, *both, gap, cycle_threshold)
                     continue
-                moves, reach = nearest(moving.mask(origin), start.xy), moving.reach(target)
-                _hop(best, start, *both, gap, cycle_threshold, (moves, reach))
-                alone = replace(start, variance=np.where(moves, start.variance, np.float32(np.inf)))
-                both = moving.flow(origin, target), moving.flow(target, origin)
-                _hop(best, alone, *both, gap, cycle_threshold, (moves, reach))
+                bounds = moves[start.sources], moving.reach(target)
+                _hop(best, start, *both, gap, cycle_threshold, bounds)
+                if moving.mask(origin).any() and moving.mask(target).any():
+                    alone = replace(start, variance=np.where(bounds[0], start.variance, np.float32(np.inf)))
+                    both = moving.flow(origin, target), moving.flow(target, origin)
+                    _hop(best, alone, *both, gap, cycle_threshold, bounds)
             if rematching is not None:
                 raster = flow(target, target - step).shape[:2]
                 again = list(_starts(reached, target, rematching.intervals, max_gap, step))
