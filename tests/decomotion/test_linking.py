@@ -346,9 +346,11 @@ class TestMoving:
         nothing, points = np.zeros((HEIGHT, WIDTH), np.bool_), self.points()
         masks = [nothing if frame == 4 else self.limb(frame) for frame in range(FRAMES)]
         moving = Moving(self.moving(2).flow, masks.__getitem__, lambda _: ~nothing)
-        for links in link(points, self.still, (1,), THRESHOLD, 1, step, None, moving):
-            ((source,), (moved,)) = links.sources, links.xy[:, 6:, 0] - points[links.sources, 6:, 0]
-            np.testing.assert_allclose(moved, 0 if 4 in (source, links.target) else 2 * step, atol=0.2)
+        for links in link(points, self.still, (1,), THRESHOLD, 2, step, None, moving):
+            for source, xy in zip(links.sources, links.xy[:, 6:, 0], strict=True):
+                hops = [(frame, frame + step) for frame in range(source, links.target, step)]
+                expected = sum(2 * step for hop in hops if source != 4 and 4 not in hop)
+                np.testing.assert_allclose(xy - points[source, 6:, 0], expected, atol=0.3)
 
     @both_ways
     def test_what_leaves_the_masks_is_hidden(self, step: int):
@@ -357,3 +359,18 @@ class TestMoving:
             far = np.abs(links.target - links.sources) > 4
             assert links.occluded[far][:, 6:].all()
             assert not links.occluded[:, :6].any()
+
+    @both_ways
+    def test_nor_do_matches_lead_out_of_them(self, step: int):
+        """Flow finds nothing, matches say that all has stayed."""
+        lost = np.full((HEIGHT, WIDTH, 2), 5, np.float32)
+        cells = Matches(
+            np.zeros((HEIGHT // 4, WIDTH // 4, 2), np.float32), np.ones((HEIGHT // 4, WIDTH // 4), np.bool_)
+        )
+        moving = Moving(lambda *_: lost, self.limb, lambda frame: self.limb(frame, 1))
+        again = Rematching(lambda *_: cells, (6,))
+        for links in link(self.points(), lambda *_: lost, (1,), THRESHOLD, 6, step, again, moving):
+            far = np.abs(links.target - links.sources) == 6
+            assert links.occluded[:, 6:].all()
+            assert not links.occluded[far][:, :6].any()
+            assert links.occluded[~far].all()

@@ -137,9 +137,13 @@ def link(
     order = range(len(points)) if step > 0 else range(len(points) - 1, -1, -1)
     longest = max(intervals + (rematching.intervals if rematching else ()))
     reached: dict[int, _State] = {}
-    moves = np.zeros((0, 0), np.bool_)
-    if moving is not None:
-        moves = np.stack([nearest(moving.mask(frame), xy) for frame, xy in enumerate(points)])
+    moves = None if moving is None else [nearest(moving.mask(frame), xy) for frame, xy in enumerate(points)]
+
+    def bounds_of(start: _State, target: int) -> _Bounds | None:
+        if moving is None or moves is None:
+            return None
+        return _Bounds(np.stack([moves[source] for source in start.sources]), moving.reach(target))
+
     for target in order:
         own = _State.of(target, points[target])
         starts = list(_starts(reached, target, intervals, max_gap, step))
@@ -147,25 +151,35 @@ def link(
             best = _State.unreached(starts[0][1].sources, own)
             for origin, start in starts:
                 gap = abs(target - origin)
-                both = flow(origin, target), flow(target, origin)
-                if moving is None:
-                    _hop(best, start, *both, gap, cycle_threshold)
-                    continue
-                bounds = moves[start.sources], moving.reach(target)
+                both, bounds = (flow(origin, target), flow(target, origin)), bounds_of(start, target)
                 _hop(best, start, *both, gap, cycle_threshold, bounds)
-                if moving.mask(origin).any() and moving.mask(target).any():
-                    alone = replace(start, variance=np.where(bounds[0], start.variance, np.float32(np.inf)))
+                if moving and bounds and moving.mask(origin).any() and moving.mask(target).any():
+                    alone = replace(start, variance=np.where(bounds.moves, start.variance, np.float32(np.inf)))
                     both = moving.flow(origin, target), moving.flow(target, origin)
                     _hop(best, alone, *both, gap, cycle_threshold, bounds)
             if rematching is not None:
                 raster = flow(target, target - step).shape[:2]
                 again = list(_starts(reached, target, rematching.intervals, max_gap, step))
-                _find_again(best, again, target, rematching, raster)
+                _find_again(best, again, target, rematching, raster, lambda start, to=target: bounds_of(start, to))
             yield Links(target, best.sources[:-1], best.xy[:-1], best.variance[:-1], best.occluded[:-1])
             own = best
         reached[target] = own
         for origin in [frame for frame in reached if abs(frame - target) >= longest]:
             del reached[origin]
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Where points can end in one frame."""
+
+    moves: npt.NDArray[np.bool_]
+    """[source, point]: whether they move."""
+    reach: npt.NDArray[np.bool_]
+    """[h, w]: where what moves can lie; elsewhere it is gone."""
+
+    def gone(self, which: _Which, there: Xy) -> npt.NDArray[np.bool_]:
+        """Whether points at flat indices are, at `there`."""
+        return self.moves.reshape(-1)[which] & ~nearest(self.reach, there)
 
 
 @dataclass(frozen=True)
@@ -234,12 +248,9 @@ def _hop(
     backward: Flow,
     gap: int,
     cycle_threshold: float,
-    bounds: tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]] | None = None,
+    bounds: _Bounds | None,
 ) -> None:
-    """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over.
-
-    `bounds`: which points [source, point] move, and where [h, w] what moves can end; elsewhere it is gone.
-    """
+    """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over."""
     height, width = forward.shape[:2]
     added = HOP_VARIANCE + GAP_VARIANCE * gap**2
 
@@ -249,8 +260,7 @@ def _hop(
         error = cycle_error(xy, there, backward) / np.float32(unit(height, width))
         gone = outside(there, height, width)
         if bounds is not None:
-            moves, reach = bounds
-            gone |= moves.reshape(-1)[which] & ~nearest(reach, there)
+            gone |= bounds.gone(which, there)
         error[gone] = CYCLE_LIMIT
         occluded = start.occluded.reshape(-1)[which] | gone | (error > cycle_threshold)
         np.minimum(error, np.float32(CYCLE_LIMIT), out=error)
@@ -262,13 +272,19 @@ def _hop(
 
 
 def _find_again(
-    best: _State, starts: list[tuple[int, _State]], target: int, rematching: Rematching, raster: tuple[int, ...]
+    best: _State,
+    starts: list[tuple[int, _State]],
+    target: int,
+    rematching: Rematching,
+    raster: tuple[int, ...],
+    bounds_of: Callable[[_State], _Bounds | None],
 ) -> None:
     """Gives `best` the points that a match from one of `starts` finds at less cost, and has them refined."""
     via = np.full(best.variance.size, -1, np.int8)
     for number, (origin, start) in enumerate(starts):
         matches = rematching.match(origin, target)
-        for which in _improved(best, start, MATCH_VARIANCE, partial(_match_hop, start, matches, raster)):
+        hop = partial(_match_hop, start, matches, raster, bounds_of(start))
+        for which in _improved(best, start, MATCH_VARIANCE, hop):
             via[which] = number
     if rematching.refine is None:
         return
@@ -279,7 +295,9 @@ def _find_again(
         found[which] = rematching.refine(origin, target, _positions(start, which), found[which], raster)
 
 
-def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: _Which) -> _State:
+def _match_hop(
+    start: _State, matches: Matches, raster: tuple[int, ...], bounds: _Bounds | None, which: _Which
+) -> _State:
     """To where the cell that holds each point was matched, in pixels of a flow's `raster` (height, width)."""
     rows, columns = matches.trusted.shape
     pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
@@ -288,6 +306,8 @@ def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: 
     column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
     there = (xy + matches.displacement[row, column] * pixels).astype(np.float32)
     hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
+    if bounds is not None:
+        hidden |= bounds.gone(which, there)
     variance = start.variance.reshape(-1)[which] + np.float32(MATCH_VARIANCE)
     return _State(start.sources, there, variance, start.occluded.reshape(-1)[which] | hidden)
 
