@@ -50,7 +50,7 @@ class Layer:
         """`reach(frame)`: [h, w], where it can lie, its outline being drawn by hand; everywhere where none is drawn."""
 
     def effort(self) -> float:
-        """Of a frame, the share that is searched in the middle."""
+        """Share of a frame that is searched, in the mean."""
         parts = [self._part(frame, frame) for frame in range(len(self._packed))]
         boxes = [(rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in filter(None, parts)]
         return sum(boxes) / (len(parts) * self._size[0] * self._size[1])
