@@ -17,12 +17,21 @@ def bilinear(image: npt.NDArray, xy: npt.NDArray[np.float32]) -> npt.NDArray:
 
     Positions are in pixels of the image.
     """
+    return _read(image, xy, cv2.INTER_LINEAR)
+
+
+def nearest(mask: npt.NDArray[np.bool_], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """[..., point]: a mask [H, W] at the pixels nearest to `xy` [..., point, 2], border repeated."""
+    return _read(mask.view(np.uint8), xy, cv2.INTER_NEAREST)[..., 0].astype(np.bool_)
+
+
+def _read(image: npt.NDArray, xy: npt.NDArray[np.float32], how: int) -> npt.NDArray:
     count = xy.shape[-2]
     if count > MOST_POINTS:
         parts = np.split(xy, range(MOST_POINTS, count, MOST_POINTS), axis=-2)
-        return np.concatenate([bilinear(image, part) for part in parts], axis=-2)
+        return np.concatenate([_read(image, part, how) for part in parts], axis=-2)
     rows = np.ascontiguousarray(xy).reshape(-1, count, 2)
-    values = cv2.remap(image, rows, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    values = cv2.remap(image, rows, None, how, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
     return values.reshape(*xy.shape[:-1], -1)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from decomotion.data.links import linking
-from decomotion.data.links.linking import Flow, FlowLookup, Links, Rematching, cycle_error, link, outside
+from decomotion.data.links.linking import Flow, FlowLookup, Links, Moving, Rematching, cycle_error, link, outside
 from decomotion.data.links.matcher import Matches
 
 FRAMES, POINTS, HEIGHT, WIDTH = 9, 20, 60, 80
@@ -304,3 +304,73 @@ def test_a_hidden_place_costs_ten_squared_units(missed: float, long_hop: bool):
     links = {each.target: each for each in link(points, field, (1, 3), 5.0, 9, 1)}[3]
     assert links.sources.tolist() == [0, 1, 2]
     assert links.occluded[0, 0] == long_hop
+
+
+class TestMoving:
+    """A limb goes by `VELOCITY`, and the scene stands still, which flow takes to be so of the limb too."""
+
+    @staticmethod
+    def limb(frame: int, margin: int = 0) -> np.ndarray:
+        left = 30 + 2 * frame - margin
+        mask = np.zeros((HEIGHT, WIDTH), np.bool_)
+        mask[:, left : left + 10 + 2 * margin] = True
+        return mask
+
+    def moving(self, speed: float) -> Moving:
+        def alone(first: int, second: int) -> Flow:
+            return np.broadcast_to(np.float32([speed * (second - first), 0]), (HEIGHT, WIDTH, 2)).astype(np.float32)
+
+        return Moving(alone, self.limb, lambda frame: self.limb(frame, 1))
+
+    @staticmethod
+    def still(first: int, second: int) -> Flow:
+        """The farther apart frames are the worse it returns: what goes another way has no need to wait for long."""
+        return np.full((HEIGHT, WIDTH, 2), 0.1 * (second > first), np.float32)
+
+    def points(self) -> Flow:
+        """Six before each limb, and the last two on it, in all frames."""
+        return np.stack([[(5.0 + 3 * n, 20 + n) for n in range(6)] + [(34.0 + 2 * frame, 30), (36.0 + 2 * frame, 9)]
+                         for frame in range(FRAMES)]).astype(np.float32)  # fmt: skip
+
+    @both_ways
+    def test_it_goes_by_itself_and_the_scene_with_the_rest(self, step: int):
+        points = self.points()
+        for links in link(points, self.still, (1, 2), THRESHOLD, 9, step, None, self.moving(2)):
+            gap = (links.target - links.sources)[:, None]
+            np.testing.assert_allclose(links.xy[:, 6:, 0], points[links.sources, 6:, 0] + 2 * gap, atol=1e-4)
+            np.testing.assert_allclose(links.xy[:, :6], points[links.sources, :6], atol=0.1 * FRAMES)
+            assert not links.occluded.any()
+
+    @both_ways
+    def test_to_and_from_a_frame_without_a_mask_it_goes_with_the_rest(self, step: int):
+        nothing, points = np.zeros((HEIGHT, WIDTH), np.bool_), self.points()
+        masks = [nothing if frame == 4 else self.limb(frame) for frame in range(FRAMES)]
+        moving = Moving(self.moving(2).flow, masks.__getitem__, lambda _: ~nothing)
+        for links in link(points, self.still, (1,), THRESHOLD, 2, step, None, moving):
+            for source, xy in zip(links.sources, links.xy[:, 6:, 0], strict=True):
+                hops = [(frame, frame + step) for frame in range(source, links.target, step)]
+                expected = sum(2 * step for hop in hops if source != 4 and 4 not in hop)
+                np.testing.assert_allclose(xy - points[source, 6:, 0], expected, atol=0.3)
+
+    @both_ways
+    def test_what_leaves_the_masks_is_hidden(self, step: int):
+        """By the flow of all it stays behind, by its own it goes too far."""
+        for links in link(self.points(), self.still, (1, 2), THRESHOLD, 9, step, None, self.moving(20)):
+            far = np.abs(links.target - links.sources) > 4
+            assert links.occluded[far][:, 6:].all()
+            assert not links.occluded[:, :6].any()
+
+    @both_ways
+    def test_nor_do_matches_lead_out_of_them(self, step: int):
+        """Flow finds nothing, matches say that all has stayed."""
+        lost = np.full((HEIGHT, WIDTH, 2), 5, np.float32)
+        cells = Matches(
+            np.zeros((HEIGHT // 4, WIDTH // 4, 2), np.float32), np.ones((HEIGHT // 4, WIDTH // 4), np.bool_)
+        )
+        moving = Moving(lambda *_: lost, self.limb, lambda frame: self.limb(frame, 1))
+        again = Rematching(lambda *_: cells, (6,))
+        for links in link(self.points(), lambda *_: lost, (1,), THRESHOLD, 6, step, again, moving):
+            far = np.abs(links.target - links.sources) == 6
+            assert links.occluded[:, 6:].all()
+            assert not links.occluded[far][:, :6].any()
+            assert links.occluded[~far].all()

@@ -308,13 +308,18 @@ class TestCache:
         prepare(clip, config("data.features=none", override), progress=False)
         assert builds == anew
 
-    def test_other_masks_in_the_same_folder_are_another_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
+    @pytest.mark.parametrize("alone", [True, False])
+    def test_other_masks_in_the_same_folder_are_another_pool(
+        self, builds: list[str], clip: Clip, alone: bool, tmp_path: Path
+    ):
+        """With other links where what they hold is followed by itself."""
         settings = config("data.features=none", f"data.masks={tmp_path / 'masks'}")
+        settings = settings.model_copy(update={"flow": settings.flow.model_copy(update={"alone": alone})})
         for level in (0, 255):
             shutil.rmtree(tmp_path / "masks", ignore_errors=True)
             write_frames(Clip("masks", np.full_like(clip.frames, level), 24.0), tmp_path / "masks")
             assert (prepare(clip, settings, progress=False).moving == (level > 0)).all()
-        assert builds == ["links", "features", "motion", "motion"]
+        assert builds == ["links", "features", "motion", *(["links"] if alone else []), "motion"]
 
     def test_the_same_masks_in_another_folder_are_the_same_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
         masks = np.zeros((FRAMES, HEIGHT, WIDTH), np.uint8)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomotion.data.sampling import MOST_POINTS, bilinear, sample_map
+from decomotion.data.sampling import MOST_POINTS, bilinear, nearest, sample_map
 
 
 def test_maps_of_another_raster_are_read_where_the_clip_s_pixels_are():
@@ -36,3 +36,9 @@ def test_look_up_is_bilinear_with_the_border_repeated():
     xy = np.array([[[0, 0], [0.5, 0], [0.5, 0.5]], [[1, 1], [-3, 0], [9, 9]]], np.float32)
     expected = [[[0, 1], [1, 2], [3, 4]], [[6, 7], [0, 1], [6, 7]]]
     np.testing.assert_allclose(bilinear(field, xy), expected, atol=1e-6)
+
+
+def test_masks_are_read_at_the_nearest_pixel_with_the_border_repeated():
+    mask = np.array([[False, True, False], [True, True, True]])
+    xy = np.array([[[0.4, 0.4], [0.6, 0.4], [0.4, 0.6]], [[-5, 9], [9, -5], [2.4, 0.6]]], np.float32)
+    np.testing.assert_array_equal(nearest(mask, xy), [[False, True, True], [True, False, True]])

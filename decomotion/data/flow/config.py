@@ -49,6 +49,8 @@ class DisFlowConfig(FlowConfig):
     """Frames this far apart or farther are compared at half the size: they differ in looks more than in fine detail."""
     guided: bool = True
     """Search a second time from matches or from the flow over shorter gaps, and keep what returns nearer."""
+    alone: bool = True
+    """Where a folder of masks is given, search what they hold by itself as well, without what is around it."""
 
 
 class RaftFlowConfig(FlowConfig):

@@ -10,12 +10,14 @@ Errors are counted in units of a pixel of a frame whose longer side is 256, so t
 resolution; positions are in pixels of the flow's raster.
 
 Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/links/matching.py`).
+Where masks are given, what moves has a second way to go, the flow of it alone, and is hidden where a hop leaves the
+masks (`decomotion/data/links/layer.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.data.flow.interface import Flow
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, nearest
 from decomotion.units import unit
 
 if TYPE_CHECKING:  # it needs torch, which linking does not
@@ -32,6 +34,7 @@ if TYPE_CHECKING:  # it needs torch, which linking does not
 Xy = npt.NDArray[np.float32]
 FlowLookup = Callable[[int, int], Flow]
 MatchLookup = Callable[[int, int], "Matches"]
+MaskLookup = Callable[[int], npt.NDArray[np.bool_]]
 _Which = slice | npt.NDArray[np.int64]
 RefineLookup = Callable[[int, int, Xy, Xy, tuple[int, ...]], Xy]
 
@@ -69,6 +72,18 @@ class Rematching:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """What moves, where masks are given."""
+
+    flow: FlowLookup
+    """`flow(i, j)` is the flow of it alone from frame i to frame j, [h, w, 2]."""
+    mask: MaskLookup
+    """`mask(i)`: [h, w], it in frame i."""
+    reach: MaskLookup
+    """`reach(i)`: [h, w], where it can lie in frame i."""
+
+
+@dataclass(frozen=True)
 class Links:
     """Where the points of all source frames lie in one target frame. Axes: source frame, point."""
 
@@ -103,6 +118,7 @@ def link(
     max_gap: int,
     step: int,
     rematching: Rematching | None = None,
+    moving: Moving | None = None,
 ) -> Iterator[Links]:
     """Carries the points of every frame through the clip in one direction.
 
@@ -114,12 +130,20 @@ def link(
         max_gap: longest gap between source and target.
         step: +1 to go forward in time, -1 backward.
         rematching: beside flow, matches by appearance.
+        moving: what moves, where that is known: another way for it beside `flow`.
 
     Yields: `Links` for each target frame that has sources, in the order of travel.
     """
     order = range(len(points)) if step > 0 else range(len(points) - 1, -1, -1)
     longest = max(intervals + (rematching.intervals if rematching else ()))
     reached: dict[int, _State] = {}
+    moves = None if moving is None else [nearest(moving.mask(frame), xy) for frame, xy in enumerate(points)]
+
+    def bounds_of(start: _State, target: int) -> _Bounds | None:
+        if moving is None or moves is None:
+            return None
+        return _Bounds(np.stack([moves[source] for source in start.sources]), moving.reach(target))
+
     for target in order:
         own = _State.of(target, points[target])
         starts = list(_starts(reached, target, intervals, max_gap, step))
@@ -127,16 +151,35 @@ def link(
             best = _State.unreached(starts[0][1].sources, own)
             for origin, start in starts:
                 gap = abs(target - origin)
-                _hop(best, start, flow(origin, target), flow(target, origin), gap, cycle_threshold)
+                both, bounds = (flow(origin, target), flow(target, origin)), bounds_of(start, target)
+                _hop(best, start, *both, gap, cycle_threshold, bounds)
+                if moving and bounds and moving.mask(origin).any() and moving.mask(target).any():
+                    alone = replace(start, variance=np.where(bounds.moves, start.variance, np.float32(np.inf)))
+                    both = moving.flow(origin, target), moving.flow(target, origin)
+                    _hop(best, alone, *both, gap, cycle_threshold, bounds)
             if rematching is not None:
                 raster = flow(target, target - step).shape[:2]
                 again = list(_starts(reached, target, rematching.intervals, max_gap, step))
-                _find_again(best, again, target, rematching, raster)
+                _find_again(best, again, target, rematching, raster, lambda start, to=target: bounds_of(start, to))
             yield Links(target, best.sources[:-1], best.xy[:-1], best.variance[:-1], best.occluded[:-1])
             own = best
         reached[target] = own
         for origin in [frame for frame in reached if abs(frame - target) >= longest]:
             del reached[origin]
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Where points can end in one frame."""
+
+    moves: npt.NDArray[np.bool_]
+    """[source, point]: whether they move."""
+    reach: npt.NDArray[np.bool_]
+    """[h, w]: where what moves can lie; elsewhere it is gone."""
+
+    def gone(self, which: _Which, there: Xy) -> npt.NDArray[np.bool_]:
+        """Whether points at flat indices are, at `there`."""
+        return self.moves.reshape(-1)[which] & ~nearest(self.reach, there)
 
 
 @dataclass(frozen=True)
@@ -198,7 +241,15 @@ def _starts(
             yield origin, reached[origin].later(int((np.abs(sources - target) > max_gap).sum()))
 
 
-def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, cycle_threshold: float) -> None:
+def _hop(
+    best: _State,
+    start: _State,
+    forward: Flow,
+    backward: Flow,
+    gap: int,
+    cycle_threshold: float,
+    bounds: _Bounds | None,
+) -> None:
     """Carries points by flow, those that it can carry at less cost than `best` has, which takes them over."""
     height, width = forward.shape[:2]
     added = HOP_VARIANCE + GAP_VARIANCE * gap**2
@@ -208,6 +259,8 @@ def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, c
         there = xy + bilinear(forward, xy)
         error = cycle_error(xy, there, backward) / np.float32(unit(height, width))
         gone = outside(there, height, width)
+        if bounds is not None:
+            gone |= bounds.gone(which, there)
         error[gone] = CYCLE_LIMIT
         occluded = start.occluded.reshape(-1)[which] | gone | (error > cycle_threshold)
         np.minimum(error, np.float32(CYCLE_LIMIT), out=error)
@@ -219,13 +272,19 @@ def _hop(best: _State, start: _State, forward: Flow, backward: Flow, gap: int, c
 
 
 def _find_again(
-    best: _State, starts: list[tuple[int, _State]], target: int, rematching: Rematching, raster: tuple[int, ...]
+    best: _State,
+    starts: list[tuple[int, _State]],
+    target: int,
+    rematching: Rematching,
+    raster: tuple[int, ...],
+    bounds_of: Callable[[_State], _Bounds | None],
 ) -> None:
     """Gives `best` the points that a match from one of `starts` finds at less cost, and has them refined."""
     via = np.full(best.variance.size, -1, np.int8)
     for number, (origin, start) in enumerate(starts):
         matches = rematching.match(origin, target)
-        for which in _improved(best, start, MATCH_VARIANCE, partial(_match_hop, start, matches, raster)):
+        hop = partial(_match_hop, start, matches, raster, bounds_of(start))
+        for which in _improved(best, start, MATCH_VARIANCE, hop):
             via[which] = number
     if rematching.refine is None:
         return
@@ -236,7 +295,9 @@ def _find_again(
         found[which] = rematching.refine(origin, target, _positions(start, which), found[which], raster)
 
 
-def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: _Which) -> _State:
+def _match_hop(
+    start: _State, matches: Matches, raster: tuple[int, ...], bounds: _Bounds | None, which: _Which
+) -> _State:
     """To where the cell that holds each point was matched, in pixels of a flow's `raster` (height, width)."""
     rows, columns = matches.trusted.shape
     pixels = np.array([raster[1] / columns, raster[0] / rows], np.float32)
@@ -245,6 +306,8 @@ def _match_hop(start: _State, matches: Matches, raster: tuple[int, ...], which: 
     column, row = column.clip(0, columns - 1), row.clip(0, rows - 1)
     there = (xy + matches.displacement[row, column] * pixels).astype(np.float32)
     hidden = ~matches.trusted[row, column] | outside(there, raster[0], raster[1])
+    if bounds is not None:
+        hidden |= bounds.gone(which, there)
     variance = start.variance.reshape(-1)[which] + np.float32(MATCH_VARIANCE)
     return _State(start.sources, there, variance, start.occluded.reshape(-1)[which] | hidden)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,12 @@ from decomotion.arrays import allocated_memmap
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
+from decomotion.data.flow.interface import kept
 from decomotion.data.links import linking
 from decomotion.data.links.budget import check_time, scheduled
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.intervals import pairs_of
+from decomotion.data.links.layer import Layer, Mask
 from decomotion.data.links.matcher import Matcher
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.refinement import Refiner
@@ -53,6 +55,7 @@ def build_links(
     tracks: UserTracks | None,
     estimator: FlowEstimator,
     matcher: Matcher,
+    masks: Iterable[Mask] | None,
     progress: bool,
     folder: Path,
     spent: float,
@@ -63,13 +66,15 @@ def build_links(
     at, for which `spent` of the seconds that there are have gone.
 
     About `wanted` points of each frame are linked by flow, or as many as there is time for, on a grid that `random`
-    jitters; those of `tracks` come after them. `seconds_after(points)` is what preparation will take afterwards.
+    jitters; those of `tracks` come after them. What `masks` [H, W] hold, one a frame, is followed by itself as well.
+    `seconds_after(points)` is what preparation will take afterwards.
 
     Raises `SupervisionError` where there is too little time, before any long work; gaps that are a list have any.
     """
     begin = time.monotonic()
     matches = MatchStore(working, config.matching.intervals, matcher, folder / "matches", neighbours=estimator.guided)
-    flows = FlowStore(working, estimator, matches, folder / "flow")
+    raster = kept(working.height, working.width, estimator.field_side)
+    flows = FlowStore(working, estimator, matches, folder / "flow", None if masks is None else Layer(masks, raster))
     after, hop = 0.0, None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
         hop = check_time(working, config, flows, wanted, seconds_after)
@@ -143,13 +148,15 @@ class _Linker:
         clip: Clip,
         working: Clip,
         config: DataConfig,
-        flow: linking.FlowLookup,
+        flow: FlowStore,
         intervals: tuple[int, ...],
         matches: MatchStore,
     ) -> None:
         self._clip, self._pool, self._flow, self._intervals = clip, config.pool, flow, intervals
         refine = Refiner(working)
         self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
+        layer = flow.layer
+        self._moving = None if layer is None else linking.Moving(flow.alone, layer.mask, layer.reach)
         self._longest = min(len(clip), max(intervals + matches.intervals))
 
     def run(
@@ -185,7 +192,14 @@ class _Linker:
         pool, sides, raster = self._pool, (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
         on_raster = rescaled(points, sides, raster)
         for links in linking.link(
-            on_raster, self._flow, self._intervals, pool.cycle_threshold, pool.max_gap, step, self._rematching
+            on_raster,
+            self._flow,
+            self._intervals,
+            pool.cycle_threshold,
+            pool.max_gap,
+            step,
+            self._rematching,
+            self._moving,
         ):
             for source, xy, variance, occluded in zip(
                 links.sources, links.xy, links.variance, links.occluded, strict=True

@@ -53,6 +53,11 @@ class Inputs:
             return None
         return read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
 
+    @property
+    def masks_of_links(self) -> MaskFiles | None:
+        """Given masks, where flow is to follow by itself what they hold."""
+        return self.given_masks if getattr(self.config.flow, "alone", False) else None
+
     @cached_property
     def tracks(self) -> UserTracks | None:
         """Likewise."""

@@ -72,6 +72,7 @@ class Keys:
             matching=matching.model_dump(mode="json", exclude={"weights"}),
             match_weights=[file_digest(Path(file)) for file in matching.weights],
             tracks=None if inputs.tracks is None else inputs.tracks.digest(),
+            masks=None if inputs.masks_of_links is None else inputs.masks_of_links.digest,
         )
         return asked if inputs.rebuild or asked.finished else self.no_worse(asked) or asked
 

@@ -47,8 +47,8 @@ class Making:
         inputs, begin = self.inputs, time.monotonic()
         random = generator(inputs.seed, "points")
         wanted = (inputs.clip, self.working, inputs.config, inputs.count, self.seconds_after_links, random)
-        given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.progress, folder)
-        return build_links(*wanted, *given, time.monotonic() - begin)
+        given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links)
+        return build_links(*wanted, *given, inputs.progress, folder, time.monotonic() - begin)
 
     def seconds_after_links(self, points: int) -> float:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""
