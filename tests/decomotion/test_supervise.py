@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from clip_files import write_images
 from decomotion.clip import Clip, read_clip
 from decomotion.config import load
 from decomotion.data.links.tracks import read_tracks
+from decomotion.data.masks.folder import read_masks
 from decomotion.data.prepare import prepare
 from decomotion.errors import SupervisionError
 from tiny_fit import TINY_CPU
@@ -28,11 +30,11 @@ GRIDS = [(7, 3, 2), (6, 2, 3), (11, 4, 5)]
 """Frames, points across and frames that the grid is laid in; of the second, as many tracks as frames."""
 
 
-def script(title: str, across: int, starts: int) -> str:
-    """The section's Python, for a small grid, three points at a time."""
+def script(title: str, setting: str, value: str) -> str:
+    """The section's Python, with another value of a setting."""
     section = PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
     (code,) = re.findall(r"```python\n(.*?)```", section, re.S)
-    code, changed = re.subn(r"ACROSS, STARTS, CHUNK = .*", f"ACROSS, STARTS, CHUNK = {across}, {starts}, 3", code)
+    code, changed = re.subn(rf"^{setting} = .*", f"{setting} = {value}", code, flags=re.M)
     assert changed == 1
     return code
 
@@ -127,6 +129,45 @@ class TapNext(Tapir):
         return in_raster(true, self.side).flip(-1)[None, None], None, logits[None, None, :, None], after
 
 
+class Sam:
+    """Model and processor in one, as those of Transformers' SAM 2: each object is 9 pixels about its first point, which
+    move."""
+
+    def from_pretrained(self, name: str) -> Sam:
+        assert name.startswith("facebook/sam2")
+        return self
+
+    def to(self, device: str) -> Sam:
+        return self
+
+    def init_video_session(self, video: list[np.ndarray], inference_device: str) -> SimpleNamespace:
+        assert inference_device == "cpu"
+        height, width, _ = video[0].shape
+        return SimpleNamespace(count=len(video), video_height=height, video_width=width)
+
+    def add_inputs_to_inference_session(self, inference_session: SimpleNamespace, **given: Any) -> None:
+        [objects], [labels] = given["input_points"], given["input_labels"]
+        assert given["frame_idx"] == 0
+        assert len(given["obj_ids"]) == len(objects) == len(labels)
+        assert [len(points) for points in objects] == [len(each) for each in labels]
+        inference_session.objects = [points[0] for points in objects]
+
+    def __call__(self, inference_session: SimpleNamespace, frame_idx: int) -> None:
+        inference_session.begun = frame_idx == 0
+
+    def propagate_in_video_iterator(self, session: SimpleNamespace) -> Iterator[SimpleNamespace]:
+        assert session.begun
+        for frame in range(session.count):
+            yield SimpleNamespace(frame_idx=frame, pred_masks=(frame, session))
+
+    def post_process_masks(self, masks: list[Any], original_sizes: list[list[int]]) -> list[torch.Tensor]:
+        [(frame, session)], [(height, width)] = masks, original_sizes
+        found = torch.zeros(len(session.objects), 1, height, width, dtype=torch.bool)
+        for number, (x, y) in enumerate(session.objects):
+            found[number, 0, y - 1 : y + 2, x - 1 + frame : x + 2 + frame] = True
+        return [found]
+
+
 def module(name: str, **content: Any) -> ModuleType:
     made = ModuleType(name)
     made.__dict__.update(content)
@@ -156,6 +197,14 @@ def trackers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     torch.save({}, "bootstapir_checkpoint_v2.pt")
 
 
+@pytest.fixture
+def sam(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    stand_in = module("transformers", Sam2VideoModel=Sam(), Sam2VideoProcessor=Sam())
+    monkeypatch.setitem(sys.modules, "transformers", stand_in)
+    monkeypatch.chdir(tmp_path)
+
+
 def clip_of(frames: int) -> Clip:
     """A clip in the folder `clip` whose frames grow lighter."""
     texture = np.random.default_rng(0).integers(0, 180, (HEIGHT, WIDTH, 3))
@@ -164,11 +213,16 @@ def clip_of(frames: int) -> Clip:
     return read_clip("clip")
 
 
-def run(title: str, across: int, starts: int) -> dict[str, Any]:
-    """What the section's script saves of the clip, in `tracks.npz`."""
+def execute(title: str, code: str, out: str) -> None:
+    """As a script that is given the clip and where to write."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["links.py", "clip", "tracks.npz"])
-        exec(compile(script(title, across, starts), title, "exec"), {"__name__": "__main__"})
+        patch.setattr(sys, "argv", ["script.py", "clip", out])
+        exec(compile(code, title, "exec"), {"__name__": "__main__"})
+
+
+def run(title: str, across: int, starts: int) -> dict[str, Any]:
+    """What the section's script saves of the clip, in `tracks.npz`, on a small grid, three points at a time."""
+    execute(title, script(title, "ACROSS, STARTS, CHUNK", f"{across}, {starts}, 3"), "tracks.npz")
     with np.load("tracks.npz") as content:
         return dict(content)
 
@@ -290,3 +344,17 @@ def test_what_does_not_fit_is_refused(title: str, change: dict[str, Any], messag
     np.savez("tracks.npz", **{name: value for name, value in content.items() if value is not None})
     with pytest.raises(SupervisionError, match=message):
         read_tracks("tracks.npz", clip)
+
+
+@pytest.mark.usefixtures("sam")
+def test_masks_of_sam_are_what_its_objects_hold_together():
+    clip = clip_of(5)
+    objects = [[[10, 6], [11, 6]], [[30, 20]]]
+    title = "Masks from SAM 2"
+    execute(title, script(title, "OBJECTS", str(objects)), "masks")
+    masks = np.stack(list(read_masks(Path("masks"), len(clip), HEIGHT, WIDTH)))
+    expected = np.zeros((5, HEIGHT, WIDTH), bool)
+    for frame in range(5):
+        for x, y in ((10, 6), (30, 20)):
+            expected[frame, y - 1 : y + 2, x - 1 + frame : x + 2 + frame] = True
+    np.testing.assert_array_equal(masks, expected)
