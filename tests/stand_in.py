@@ -20,6 +20,7 @@ from pathlib import Path
 import click
 
 from children import sleeper
+from decomotion.files import replacing
 
 SECONDS = 60
 """After which a fit that nobody lets go on ends."""
@@ -48,7 +49,8 @@ def train(control: Path, clip: Path, run: Path, corrections: Path, time_budget: 
     with (control / "begun").open("a") as begun:
         print(clip, run, time_budget, file=begun)
     child = sleeper(SECONDS)
-    (control / "child").write_text(str(child.pid))
+    with replacing(control / "child") as whole:  # who waits for it reads it at once
+        whole.write_text(str(child.pid))
     for percent in (0, 42):
         sys.stderr.write(f"\rfit {percent:3d}%|████      | step {percent}  3.0/s  0.5 min left")
         sys.stderr.flush()
