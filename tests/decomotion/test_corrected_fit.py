@@ -112,8 +112,10 @@ def test_a_point_is_hidden_where_a_correction_says_so(tmp_path: Path):
         cv2.imwrite(str(tmp_path / "masks" / f"{t:05d}.png"), mask)
     write_frames(Clip("bar", video, 24.0), tmp_path / "bar")
     fit = ["--steps", "60", "--masks", str(tmp_path / "masks"), "--out", str(tmp_path / "run"), "--device", "cpu"]
-    plain = ["--set", "data.flow.alone=false"]  # else the links tell the bar from the square
-    assert main([str(tmp_path / "bar"), *fit, *SET_TINY, *plain]) == 0
+    # with own flow the links tell the bar from the square
+    plain = [part.replace("kind: dis,", "kind: dis, alone: false,") for part in SET_TINY]
+    assert plain != list(SET_TINY)
+    assert main([str(tmp_path / "bar"), *fit, *plain]) == 0
     new, point = tmp_path / "new", (1, 12.5, 15)
     assert corrected(tmp_path, new, "1,12.5,15,7,,", clip="bar", steps=150) == 0
     assert tracks(tmp_path / "run", point).occlusion[0, 7] < 0.5 < tracks(new, point).occlusion[0, 7]
