@@ -109,6 +109,7 @@ def main() -> None:
         timed_steps(run, 10)
         torch.cuda.reset_peak_memory_stats()
     seconds = timed_steps(run, arguments.steps)
+    held = torch.cuda.max_memory_reserved() if on_gpu else 0
     tflop = counter.get_total_flops() / 1e12
     record = {
         "preset": arguments.preset,
@@ -130,7 +131,7 @@ def main() -> None:
         record |= {
             "gpu": torch.cuda.get_device_name(),
             "recorded": run.gradient.recorded,
-            "peak_gpu_gib": round(torch.cuda.max_memory_reserved() / 2**30, 2),
+            "peak_gpu_gib": round(held / 2**30, 2),
             "bfloat16_tflop_per_second": round(rate),
             "share_of_bfloat16_rate": round(tflop / statistics.median(seconds) / rate, 4),
         }

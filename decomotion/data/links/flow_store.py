@@ -88,8 +88,9 @@ class FlowStore:
 
         `only` takes some of each gap's couples of frames.
         """
-        for files in (self._files, self._alone):
-            files.folder.mkdir(exist_ok=True)
+        self.folder.mkdir(exist_ok=True)
+        if self.layer is not None:
+            self._alone.folder.mkdir(exist_ok=True)
         couples = {gap: couples_of(gap, len(self.clip))[only] for gap in gaps}
         missing = {gap: [couple for couple in couples[gap] if not self._files.have(couple)] for gap in gaps}
         total, left = (2 * sum(len(part) for part in parts.values()) for parts in (couples, missing))

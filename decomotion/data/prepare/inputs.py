@@ -10,6 +10,7 @@ from decomotion.data.config import DataConfig
 from decomotion.data.features import FeatureExtractor, build_features
 from decomotion.data.features.interface import MOST_CHANNELS
 from decomotion.data.flow import FlowEstimator, build_flow
+from decomotion.data.flow.config import DisFlowConfig
 from decomotion.data.links.costs import MIN_POINTS
 from decomotion.data.links.tracks import UserTracks, read_tracks
 from decomotion.data.masks.folder import MaskFiles, read_masks
@@ -56,7 +57,8 @@ class Inputs:
     @property
     def masks_of_links(self) -> MaskFiles | None:
         """Given masks, where flow is to follow by itself what they hold."""
-        return self.given_masks if getattr(self.config.flow, "alone", False) else None
+        flow = self.config.flow
+        return self.given_masks if isinstance(flow, DisFlowConfig) and flow.alone else None
 
     @cached_property
     def tracks(self) -> UserTracks | None:
