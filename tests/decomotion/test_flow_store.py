@@ -11,7 +11,6 @@ import torch
 from decomotion.clip import Clip
 from decomotion.data.flow.interface import Flow, Frame
 from decomotion.data.links.flow_store import FlowStore, doubtful, nearer, smooth, threads
-from decomotion.data.links.layer import Layer
 from decomotion.data.links.matcher import Matches
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
@@ -155,27 +154,10 @@ def test_what_is_there_is_not_made_again(clip: Clip, tmp_path: Path) -> None:
     assert {pair[0] for pair, _ in estimator.asked if pair[0] < pair[1]} == {0, 1, 3, 4, 5}
 
 
-def test_what_moves_is_searched_besides_and_found_again(clip: Clip, tmp_path: Path) -> None:
-    """A mask of 8 x 8 pixels, 2 around it, in 32 x 32: 9 of 64 parts are searched once more."""
-    masks = np.zeros((FRAMES, SIZE, SIZE), np.bool_)
-    masks[:, 10:18, 4:12] = True
-
-    class Sized(Searcher):
-        def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
-            return super().__call__(first, second, pair, start)[: first.shape[0], : first.shape[1]]
-
-    estimator = Sized()
+def test_what_is_searched_beside_costs_that_much_more(clip: Clip, tmp_path: Path) -> None:
     matches = MatchStore(clip, (), SiftMatcher(0), tmp_path / "matches")
-    found = FlowStore(clip, estimator, matches, tmp_path / "flow", Layer(masks, (SIZE, SIZE)))
+    found = FlowStore(clip, Searcher(), matches, tmp_path / "flow", beside=9 / 64)
     assert found.effort(1) == found.effort(2) == 1 + 9 / 64
-    assert found.compute((1, 2), progress=False) == 2 * (6 + 5)
-    alone = found.alone(2, 1)
-    np.testing.assert_allclose(alone[8:20, 2:14], flow(-SPEED, 12), atol=0.01)
-    assert not alone[:8].any()
-    assert len(estimator.asked) == 2 * 2 * (6 + 5)
-    estimator.asked.clear()
-    found.compute((1, 2), progress=False)
-    assert not estimator.asked
 
 
 def test_the_answer_that_returns_stays_pixel_by_pixel() -> None:

@@ -296,7 +296,8 @@ class TestCache:
             ("data.prepare_budget=1000", []),  # gaps are a list
             ("data.pool.points_per_frame=300", ["links", "features", "motion"]),
             ("data.features=densesift", ["features"]),
-            ("data.masks=none", ["motion"]),
+            ("data.masks=none", ["links", "motion"]),  # nothing is followed by itself
+            ("data.flow.alone=false", ["links", "motion"]),
             ("data.filters.cycle=1", ["filter", "motion"]),
         ],
     )
@@ -341,7 +342,7 @@ class TestCache:
     def test_a_killed_run_s_fields_and_gaps_are_gone_on_with(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch
     ):
-        settings = config("data.features=none", "data.flow.intervals=geometric")
+        settings = config("data.features=none", "data.flow.intervals=geometric", "data.flow.alone=false")
         whole = prepare(clip, settings, progress=False)
         shutil.rmtree(preparation.cache_root())
         called: list[tuple[int, int]] = []
@@ -496,13 +497,13 @@ class TestCache:
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
     ):
-        """8 frames, of which each has features in 5 seconds and masks in 10."""
+        """8 frames, of which each has features in 5 seconds and masks in 10, twice."""
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
         monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 10.0)
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
         settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
-        sentence = f"8 frames are too many for the time that there is: .* masks {120 if masks == 'auto' else 40}\\)"
+        sentence = f"8 frames are too many for the time that there is: .* masks {200 if masks == 'auto' else 40}\\)"
         with pytest.raises(SupervisionError, match=sentence):
             prepare(clip, settings, progress=False)
 
@@ -532,7 +533,7 @@ class TestCache:
         assert (0, 1) in called
 
     def test_the_budget_is_what_others_leave(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
-        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8."""
+        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8, twice."""
         left, clock = [], [0.0]
 
         class Slow(MatchStore):
@@ -556,7 +557,7 @@ class TestCache:
         monkeypatch.setattr(budget.costs, "affordable_points", points)
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
         links = prepare_in_stages(clip, settings, progress=False).stages[0]
-        assert left == [67.0]
+        assert left == [59.0]
         assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
@@ -593,7 +594,7 @@ class TestCache:
     def test_equal_gaps_from_another_estimator_of_the_same_fields(self, builds: list[str], clip: Clip, tmp_path: Path):
         """The user's folder of DIS's fields gives DIS's pool."""
         plain = config()
-        plain = plain.model_copy(update={"flow": plain.flow.model_copy(update={"guided": False})})
+        plain = plain.model_copy(update={"flow": plain.flow.model_copy(update={"guided": False, "alone": False})})
         pool, estimate = prepare(clip, plain, progress=False), DisFlow(plain.flow)  # type: ignore[arg-type]
         given = tmp_path / "given"
         given.mkdir()

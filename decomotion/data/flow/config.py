@@ -50,7 +50,7 @@ class DisFlowConfig(FlowConfig):
     guided: bool = True
     """Search a second time from matches or from the flow over shorter gaps, and keep what returns nearer."""
     alone: bool = True
-    """Where a folder of masks is given, search what they hold by itself as well, without what is around it."""
+    """Search what moves by itself as well, without what is around it: what given masks hold, or those of `auto`."""
 
 
 class RaftFlowConfig(FlowConfig):

@@ -6,8 +6,6 @@ other. Neighbouring frames are searched from zero, and a second time from matche
 does not return and the matches lead elsewhere; pixel by pixel that answer stays which the way back brings nearer to
 where it began.
 
-Where masks are given, the flow of what moves alone is searched as well (`layer.py`).
-
 Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
 """
 
@@ -19,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -32,7 +30,6 @@ from decomotion.clip import Clip
 from decomotion.data.flow import Flow, FlowEstimator
 from decomotion.data.flow.interface import kept, to_raster
 from decomotion.data.links.intervals import couples_of
-from decomotion.data.links.layer import Layer
 from decomotion.data.links.linking import cycle_error
 from decomotion.data.links.matcher import Matches
 from decomotion.data.links.matching import MatchStore
@@ -64,14 +61,14 @@ class FlowStore:
         estimator: of their flow.
         matches: between neighbours, where the estimator is to start at them.
         folder: of the files.
-        layer: what moves, where its own flow is to be searched.
+        beside: share of a frame that is searched once more, by itself (`own_flow.py`).
     """
 
     clip: Clip
     estimator: FlowEstimator
     matches: MatchStore
     folder: Path
-    layer: Layer | None = None
+    beside: float = 0.0
     _took: list[float] = field(default_factory=list, init=False)
     """Seconds of each search, of a field one way or the other."""
 
@@ -79,25 +76,19 @@ class FlowStore:
     def _files(self) -> PairFiles:
         return PairFiles(self.folder)
 
-    @property
-    def _alone(self) -> PairFiles:
-        return PairFiles(self.folder / "alone")
-
     def compute(self, gaps: Sequence[int], progress: bool, only: slice = slice(None)) -> int:
         """Makes the fields at `gaps`, ascending, that are not there yet; returns how many these gaps have.
 
         `only` takes some of each gap's couples of frames.
         """
         self.folder.mkdir(exist_ok=True)
-        if self.layer is not None:
-            self._alone.folder.mkdir(exist_ok=True)
         couples = {gap: couples_of(gap, len(self.clip))[only] for gap in gaps}
         missing = {gap: [couple for couple in couples[gap] if not self._files.have(couple)] for gap in gaps}
         total, left = (2 * sum(len(part) for part in parts.values()) for parts in (couples, missing))
         with tqdm(total=total, initial=total - left, desc="flow", disable=not progress, leave=False) as bar:
             for gap in gaps:
                 shorter = [other for other in gaps if other < gap]
-                for _ in _each(partial(self._make, shorter=shorter), missing[gap], self.estimator.concurrent):
+                for _ in each_of(partial(self._make, shorter=shorter), missing[gap], self.estimator.concurrent):
                     bar.update(2)
         return total
 
@@ -118,20 +109,11 @@ class FlowStore:
     def effort(self, gap: int) -> float:
         """What a field at that gap takes at most, in searches between neighbours, where a second one may follow."""
         searches = 2 if self.estimator.guided and gap == 1 and gap in self.matches.gaps else 1
-        return (searches + self._searched_alone) * self.estimator.effort(gap)
-
-    @cached_property
-    def _searched_alone(self) -> float:
-        """Share of a frame that is searched for the flow of what moves."""
-        return 0.0 if self.layer is None else self.layer.effort()
+        return (searches + self.beside) * self.estimator.effort(gap)
 
     def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
         return self._files.read(first, second).astype(np.float32)
-
-    def alone(self, first: int, second: int) -> Flow:
-        """As `self(first, second)`, of what moves in `layer`."""
-        return self._alone.read(first, second).astype(np.float32)
 
     def _make(self, couple: Couple, shorter: Sequence[int]) -> None:
         guided = self.estimator.guided
@@ -142,11 +124,6 @@ class FlowStore:
             both = self._ask(couple, (None, None))
             if guided and (starts := self._matched(couple)) is not None and doubtful(both, starts):
                 both = nearer(both, self._ask(couple, starts))
-        if self.layer is not None:
-            for first, second in (couple, couple[::-1]):
-                frames = self.clip.frames[first], self.clip.frames[second]
-                flow = self.layer.flow(self.estimator, frames, (first, second))
-                self._alone.write(first, second, flow.astype(np.float16))
         for (first, second), flow in zip((couple, couple[::-1]), both, strict=True):
             self._files.write(first, second, flow.astype(np.float16))
 
@@ -242,7 +219,8 @@ def at_once(estimator: FlowEstimator) -> int:
     return threads() if estimator.concurrent else 1
 
 
-def _each(task: Callable[[Couple], None], couples: Iterable[Couple], concurrent: bool) -> Iterator[None]:
+def each_of(task: Callable[[Couple], None], couples: Iterable[Couple], concurrent: bool) -> Iterator[None]:
+    """Does a task for each of some couples, several at a time where that is `concurrent`."""
     if not concurrent:
         yield from map(task, couples)
         return

@@ -1,4 +1,4 @@
-"""The layer of what moves, where masks are given: flow of it alone, and where it can be.
+"""The layer of what moves: flow of it alone, and where it can be.
 
 A patch on a leg is half grass, and the grass wins. So what the masks do not hold is made grey in both frames, and the
 flow of what remains is searched in the part of the frame that it fills. Linking takes it for one more way to go.
@@ -29,7 +29,7 @@ AT_HAND = 32
 
 
 class Layer:
-    """Given masks on the raster of the fields.
+    """Masks on the raster of the fields.
 
     Args:
         masks: [H, W] each, one a frame, at any size.

@@ -10,8 +10,8 @@ Errors are counted in units of a pixel of a frame whose longer side is 256, so t
 resolution; positions are in pixels of the flow's raster.
 
 Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/links/matching.py`).
-Where masks are given, what moves has a second way to go, the flow of it alone, and is hidden where a hop leaves the
-masks (`decomotion/data/links/layer.py`).
+What is known to move has a second way to go, the flow of it alone (`decomotion/data/links/layer.py`), and is hidden
+where a hop leaves masks that are given.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Moving:
     """`flow(i, j)` is the flow of it alone from frame i to frame j, [h, w, 2]."""
     mask: MaskLookup
     """`mask(i)`: [h, w], it in frame i."""
-    reach: MaskLookup
-    """`reach(i)`: [h, w], where it can lie in frame i."""
+    reach: MaskLookup | None
+    """`reach(i)`: [h, w], where it can lie in frame i; None: anywhere."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,8 @@ def link(
     def bounds_of(start: _State, target: int) -> _Bounds | None:
         if moving is None or moves is None:
             return None
-        return _Bounds(np.stack([moves[source] for source in start.sources]), moving.reach(target))
+        reach = None if moving.reach is None else moving.reach(target)
+        return _Bounds(np.stack([moves[source] for source in start.sources]), reach)
 
     for target in order:
         own = _State.of(target, points[target])
@@ -174,12 +175,13 @@ class _Bounds:
 
     moves: npt.NDArray[np.bool_]
     """[source, point]: whether they move."""
-    reach: npt.NDArray[np.bool_]
+    reach: npt.NDArray[np.bool_] | None
     """[h, w]: where what moves can lie; elsewhere it is gone."""
 
     def gone(self, which: _Which, there: Xy) -> npt.NDArray[np.bool_]:
         """Whether points at flat indices are, at `there`."""
-        return self.moves.reshape(-1)[which] & ~nearest(self.reach, there)
+        moves = self.moves.reshape(-1)[which]
+        return np.zeros_like(moves) if self.reach is None else moves & ~nearest(self.reach, there)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,16 @@
 """The stage `links`: flow at the scheduled gaps, linked to every gap, for points of every frame.
 
-The flows lie in `flow/` of the partial stage, and are removed when the links are made.
+What moves has a flow of its own as well, where it is known: what given masks hold, in one round with all else; or what
+is found by the links, whose points are then linked once more.
+
+The flows lie in `flow/` and `own/` of the partial stage, and are removed when the links are made.
 """
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,11 +31,12 @@ from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.layer import Layer, Mask
 from decomotion.data.links.matcher import Matcher
 from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.own_flow import OwnFlow
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.links.tracks import UserTracks
-from decomotion.data.pool import grid_shape, jittered_grid, pack
-from decomotion.data.sampling import bilinear, rescaled
-from decomotion.data.stages import write_whole
+from decomotion.data.pool import PackedPositions, grid_shape, jittered_grid, pack
+from decomotion.data.sampling import bilinear, nearest, rescaled
+from decomotion.data.stages import write_array, write_whole
 from decomotion.memory import forget, give_back
 
 CONFIDENT_VARIANCE = 1.0
@@ -43,6 +47,13 @@ LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
 """Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
+FOUND = "found.npy"
+"""What was found to move, for an interrupted run: it has linked some of that anew."""
+USUAL = 0.3
+"""Share of a frame that is searched once more for what is found to move, and of its points, in estimates."""
+
+Found = Callable[[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]], Iterable[Mask]]
+"""What moves in each frame, [h, w], by points, targets, confidence, and rows and columns, as in the pool."""
 
 
 def build_links(
@@ -56,6 +67,7 @@ def build_links(
     estimator: FlowEstimator,
     matcher: Matcher,
     masks: Iterable[Mask] | None,
+    found: Found | None,
     progress: bool,
     folder: Path,
     spent: float,
@@ -66,15 +78,17 @@ def build_links(
     at, for which `spent` of the seconds that there are have gone.
 
     About `wanted` points of each frame are linked by flow, or as many as there is time for, on a grid that `random`
-    jitters; those of `tracks` come after them. What `masks` [H, W] hold, one a frame, is followed by itself as well.
-    `seconds_after(points)` is what preparation will take afterwards.
+    jitters; those of `tracks` come after them. What `masks` [H, W] hold, one a frame, is followed by itself as well, or
+    what is `found` to move by the links. `seconds_after(points)` is what preparation will take afterwards.
 
     Raises `SupervisionError` where there is too little time, before any long work; gaps that are a list have any.
     """
     begin = time.monotonic()
     matches = MatchStore(working, config.matching.intervals, matcher, folder / "matches", neighbours=estimator.guided)
     raster = kept(working.height, working.width, estimator.field_side)
-    flows = FlowStore(working, estimator, matches, folder / "flow", None if masks is None else Layer(masks, raster))
+    given = None if masks is None else Layer(masks, raster)
+    beside = given.effort() if given is not None else 0.0 if found is None else USUAL
+    flows = FlowStore(working, estimator, matches, folder / "flow", beside)
     after, hop = 0.0, None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
         hop = check_time(working, config, flows, wanted, seconds_after)
@@ -88,6 +102,8 @@ def build_links(
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
+    linker = _Linker(clip, working, config, flows, intervals, matches)
+    moving = None if given is None else linker.followed(given, True, progress, folder)
     give_back()
     computed = time.monotonic()
 
@@ -102,8 +118,6 @@ def build_links(
     begun = parts_done(folder) > 0
     targets = allocated_memmap(folder / "targets.npy", np.uint16, (frames, frames, count, 2), keep=begun)
     confidence = allocated_memmap(folder / "confidence.npy", np.uint8, (frames, frames, count), keep=begun)
-    linker = _Linker(clip, working, config, flows, intervals, matches)
-    linker.run(points, targets[:, :, :on_grid], confidence[:, :, :on_grid], progress, folder)
     side = max(clip.height, clip.width)
     for frame in range(frames):
         targets[frame, frame] = pack(shown[frame], side)
@@ -111,18 +125,24 @@ def build_links(
         if tracks is not None:
             targets[frame, :, on_grid:] = pack(tracks.xy.swapaxes(0, 1), side)
             confidence[frame, :, on_grid:] = np.round(255 * tracks.confidence_from(frame)).T
+    grid = grid_shape(clip.height, clip.width, schedule["points"])
+    linked = targets[:, :, :on_grid], confidence[:, :, :on_grid]
+    linker.run(points, *linked, moving, progress, folder)
+    if found is not None:
+        rough = points, PackedPositions(linked[0], side), linked[1], grid
+        linker.run_again(points, *linked, partial(found, *rough), progress, folder)
     targets.flush()
     confidence.flush()
-    shutil.rmtree(folder / "flow")
-    shutil.rmtree(folder / "matches")
-    for file in (LINKED, SCHEDULE):
-        (folder / file).unlink()
+    for name in ("flow", "own", "matches"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for name in (LINKED, SCHEDULE, FOUND):
+        (folder / name).unlink(missing_ok=True)
     give_back()
     return {
         **schedule,
         "fields": count_of_flows,
         "points": count,
-        "grid": grid_shape(clip.height, clip.width, schedule["points"]),
+        "grid": grid,
         "kept": float(np.mean([(confidence[frame] > 0).mean() for frame in range(frames)])),
         "seconds": {
             "frames": spent,
@@ -140,6 +160,10 @@ def parts_done(folder: Path) -> int:
     return int(file.read_text(encoding="ascii")) if file.is_file() else 0
 
 
+Which = slice | npt.NDArray[np.int64]
+"""Of the points of a frame."""
+
+
 class _Linker:
     """Links the points of every frame to every other, part by part."""
 
@@ -152,18 +176,24 @@ class _Linker:
         intervals: tuple[int, ...],
         matches: MatchStore,
     ) -> None:
-        self._clip, self._pool, self._flow, self._intervals = clip, config.pool, flow, intervals
+        self._clip, self._working, self._pool, self._flow = clip, working, config.pool, flow
+        self._intervals = intervals
         refine = Refiner(working)
         self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
-        layer = flow.layer
-        self._moving = None if layer is None else linking.Moving(flow.alone, layer.mask, layer.reach)
         self._longest = min(len(clip), max(intervals + matches.intervals))
+
+    def followed(self, layer: Layer, bounded: bool, progress: bool, folder: Path) -> linking.Moving:
+        """What is in a layer, with its own flow; `bounded`: hidden elsewhere."""
+        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own")
+        own.compute(self._intervals, progress)
+        return linking.Moving(own, layer.mask, layer.reach if bounded else None)
 
     def run(
         self,
         points: npt.NDArray[np.float32],
         targets: npt.NDArray[np.uint16],
         confidence: npt.NDArray[np.uint8],
+        moving: linking.Moving | None,
         progress: bool,
         folder: Path,
     ) -> None:
@@ -173,8 +203,38 @@ class _Linker:
             total=frames * len(parts), initial=frames * done, desc="link", disable=not progress, leave=False
         ) as bar:
             for number, (which, step) in enumerate(parts[done:], done + 1):
-                self._link(points[:, which], targets[:, :, which], confidence[:, :, which], step, bar)
-                write_whole(folder / LINKED, partial(Path.write_text, data=str(number), encoding="ascii"))
+                every = [which] * frames
+                self._link(points[:, which], every, targets, confidence, moving, step, bar)
+                _note(folder, number)
+
+    def run_again(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        found: Callable[[], Iterable[Mask]],
+        progress: bool,
+        folder: Path,
+    ) -> None:
+        """Links those points anew that are `found` to move, by their own flow too, after `run`."""
+        if not (folder / FOUND).is_file():
+            write_array(folder / FOUND, np.stack(list(found())))
+        masks = np.load(folder / FOUND)
+        if not masks.any():
+            return
+        sides, raster = (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
+        moving = self.followed(Layer(masks, raster[::-1]), False, progress, folder)
+        first = len(self._parts(points.shape[1]))
+        moves = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, points, strict=True)]
+        some, frames = _padded(moves), np.arange(len(points))[:, None]
+        done, parts = parts_done(folder) - first, self._parts(some.shape[1])
+        with tqdm(
+            total=len(frames) * len(parts), initial=len(frames) * done, desc="link", disable=not progress, leave=False
+        ) as bar:
+            for number, (which, step) in enumerate(parts[done:], first + done + 1):
+                part = some[:, which]
+                self._link(points[frames, part], list(part), targets, confidence, moving, step, bar)
+                _note(folder, number)
 
     def _parts(self, points: int) -> list[tuple[slice, int]]:
         """Which points are linked at a time, and which way in time: as many as fit into `LINKED_AT_ONCE`."""
@@ -184,30 +244,36 @@ class _Linker:
     def _link(
         self,
         points: npt.NDArray[np.float32],
+        which: Sequence[Which],
         targets: npt.NDArray[np.uint16],
         confidence: npt.NDArray[np.uint8],
+        moving: linking.Moving | None,
         step: int,
         bar: tqdm,
     ) -> None:
+        """Of `points` [frame, n, 2], which are those points of each frame."""
         pool, sides, raster = self._pool, (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
         on_raster = rescaled(points, sides, raster)
-        for links in linking.link(
-            on_raster,
-            self._flow,
-            self._intervals,
-            pool.cycle_threshold,
-            pool.max_gap,
-            step,
-            self._rematching,
-            self._moving,
-        ):
+        how = (pool.cycle_threshold, pool.max_gap, step, self._rematching, moving)
+        for links in linking.link(on_raster, self._flow, self._intervals, *how):
             for source, xy, variance, occluded in zip(
                 links.sources, links.xy, links.variance, links.occluded, strict=True
             ):
-                targets[source, links.target] = pack(rescaled(xy, raster, sides), max(sides))
+                targets[source, links.target, which[source]] = pack(rescaled(xy, raster, sides), max(sides))
                 certain = np.float32(255 * CONFIDENT_VARIANCE) / (np.float32(CONFIDENT_VARIANCE) + variance)
                 certain[occluded] = 0
-                confidence[source, links.target] = np.round(certain)
+                confidence[source, links.target, which[source]] = np.round(certain)
             forget(targets)
             forget(confidence)
             bar.update()
+
+
+def _padded(chosen: Sequence[npt.NDArray[np.bool_]]) -> npt.NDArray[np.int64]:
+    """[frame, n]: the places of those `chosen`, the first as often as it takes; that of none is 0."""
+    places = [np.flatnonzero(each) if each.any() else np.zeros(1, np.int64) for each in chosen]
+    most = max(len(each) for each in places)
+    return np.stack([np.append(each, np.full(most - len(each), each[0])) for each in places])
+
+
+def _note(folder: Path, parts: int) -> None:
+    write_whole(folder / LINKED, partial(Path.write_text, data=str(parts), encoding="ascii"))

@@ -57,8 +57,17 @@ class Inputs:
     @property
     def masks_of_links(self) -> MaskFiles | None:
         """Given masks, where flow is to follow by itself what they hold."""
+        return self.given_masks if self._alone else None
+
+    @property
+    def finds_masks_of_links(self) -> bool:
+        """Whether flow is to follow by itself what is found to move."""
+        return self.config.masks == "auto" and self._alone
+
+    @property
+    def _alone(self) -> bool:
         flow = self.config.flow
-        return self.given_masks if isinstance(flow, DisFlowConfig) and flow.alone else None
+        return isinstance(flow, DisFlowConfig) and flow.alone
 
     @cached_property
     def tracks(self) -> UserTracks | None:

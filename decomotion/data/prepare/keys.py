@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"frames": 1, "links": 11, "features": 2, "filter": 1, "motion": 5}
+VERSIONS = {"frames": 1, "links": 12, "features": 2, "filter": 1, "motion": 5}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 
@@ -72,7 +72,7 @@ class Keys:
             matching=matching.model_dump(mode="json", exclude={"weights"}),
             match_weights=[file_digest(Path(file)) for file in matching.weights],
             tracks=None if inputs.tracks is None else inputs.tracks.digest(),
-            masks=None if inputs.masks_of_links is None else inputs.masks_of_links.digest,
+            masks=self.masks_of_links(),
         )
         return asked if inputs.rebuild or asked.finished else self.no_worse(asked) or asked
 
@@ -119,6 +119,12 @@ class Keys:
             kind=kind,
             given=None if given is None else given.digest,
         )
+
+    def masks_of_links(self) -> str | None:
+        """Which masks hold what flow follows by itself; None: it does not."""
+        if self.inputs.finds_masks_of_links:
+            return "auto"
+        return None if self.inputs.masks_of_links is None else self.inputs.masks_of_links.digest
 
     def digest_of_flow(self) -> str | None:
         """Hash of the files that decide the flow beside the settings."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,10 @@ from decomotion.clip import Clip
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.links.filtering import build_filtered
 from decomotion.data.links.stage import build_links
+from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.cost import seconds_a_frame
+from decomotion.data.masks.links import Links
+from decomotion.data.masks.silhouette import Mask, silhouettes
 from decomotion.data.motion import build_motion
 from decomotion.data.pool import PackedPositions, jittered_grid
 from decomotion.data.prepare.inputs import Inputs
@@ -47,8 +51,22 @@ class Making:
         inputs, begin = self.inputs, time.monotonic()
         random = generator(inputs.seed, "points")
         wanted = (inputs.clip, self.working, inputs.config, inputs.count, self.seconds_after_links, random)
-        given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links)
+        found = self.silhouettes if inputs.finds_masks_of_links else None
+        given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links, found)
         return build_links(*wanted, *given, inputs.progress, folder, time.monotonic() - begin)
+
+    def silhouettes(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: PackedPositions,
+        confidence: npt.NDArray[np.uint8],
+        grid: tuple[int, int],
+    ) -> Iterator[Mask]:
+        """What moves in each frame, as the links tell."""
+        inputs, frames = self.inputs, self.working.frames
+        linked = (points, targets, confidence, grid, inputs.sides)
+        probability = moving_probability(frames, *linked, generator(inputs.seed, "masks"), inputs.progress)
+        return silhouettes(frames, probability, Links(*linked), generator(inputs.seed, "silhouettes"))
 
     def seconds_after_links(self, points: int) -> float:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""
@@ -59,7 +77,8 @@ class Making:
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if inputs.config.masks == "auto":
-            seconds += seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
+            often = 2 if inputs.finds_masks_of_links else 1
+            seconds += often * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
         return len(frames) * seconds
 
     def build_features(self, folder: Path) -> dict[str, Any]:
