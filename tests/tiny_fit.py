@@ -28,7 +28,7 @@ SQUARE_START = np.array([2.0, 10.0], np.float32)
 
 TINY = (
     "data.flow={kind: dis, field_side: 512, intervals: [1, 2, 4], longest_interval: 16, upsample: 2, max_side: 64, "
-    "patch_stride: 3, descent_iterations: 25, refinement_iterations: 10, gradient_weight: 10}",
+    "patch_stride: 3, descent_iterations: 25, refinement_iterations: 10, gradient_weight: 10, alone: true}",
     "data.pool.points_per_frame=256",
     "optim.pairs=4",
     "optim.points=32",

@@ -565,7 +565,7 @@ class TestCache:
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, at_once: int
     ):
         """In one block of points or in several, which are linked one by one."""
-        whole = prepare(clip, config("data.features=none"), progress=False)
+        whole = prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
         expected = whole.targets[...], np.array(whole.confidence)
         shutil.rmtree(preparation.cache_root())
         monkeypatch.setattr(links_stage, "LINKED_AT_ONCE", at_once)
@@ -579,12 +579,57 @@ class TestCache:
 
         monkeypatch.setattr(links_stage.linking, "link", killed)
         with pytest.raises(KeyboardInterrupt):
-            prepare(clip, config("data.features=none"), progress=False)
-        pool = prepare(clip, config("data.features=none"), progress=False)
+            prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
+        pool = prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
         np.testing.assert_array_equal(pool.targets[...], expected[0])
         np.testing.assert_array_equal(pool.confidence, expected[1])
         assert (len(begun) > 3) == (at_once == 20_000)
         assert sum(begun[2:]) == 2 * pool.num_points - begun[0]
+
+    def test_what_moves_is_linked_once_more_and_nothing_else(self, builds: list[str], clip: Clip):
+        """And more of the square is linked rightly than without its own flow."""
+        plain, own = (
+            prepare(clip, config("data.features=none", f"data.flow.alone={alone}"), progress=False)
+            for alone in ("false", "true")
+        )
+        differ = (plain.confidence[...] != own.confidence[...]).any(axis=1)
+        on = on_square(plain.points, np.arange(FRAMES)[:, None], margin=-3)
+        assert differ.any()
+        assert not (differ & ~on).any()
+        frame = np.arange(FRAMES)
+        truth = true_target(plain.points[:, None], frame[:, None, None], frame[None, :, None])
+        right = [
+            ((np.linalg.norm(pool.targets - truth, axis=-1) < 1) & (pool.confidence > 0)).mean(axis=1)
+            for pool in (plain, own)
+        ]
+        square = on_square(plain.points, frame[:, None])
+        assert right[1][square].mean() > right[0][square].mean() + 0.02
+
+    @pytest.mark.parametrize("calls", [3, 4])
+    def test_a_second_round_is_gone_on_with(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, calls: int
+    ):
+        """Killed at its begin or half way, when some is linked anew: what moves is not looked for again."""
+        whole = prepare(clip, config("data.features=none"), progress=False)
+        expected = whole.targets[...], np.array(whole.confidence)
+        shutil.rmtree(preparation.cache_root())
+        link, begun = links_stage.linking.link, []
+
+        def killed(*arguments: Any) -> Any:
+            begun.append(arguments[0].shape[1])
+            if len(begun) == calls:
+                raise KeyboardInterrupt
+            return link(*arguments)
+
+        monkeypatch.setattr(links_stage.linking, "link", killed)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(clip, config("data.features=none"), progress=False)
+        monkeypatch.setattr(making, "silhouettes", lambda *_: pytest.fail("looked for again"))
+        pool = prepare(clip, config("data.features=none"), progress=False)
+        assert len(begun) == 5
+        assert begun[2] == begun[3] < begun[0] == begun[1] == 260
+        np.testing.assert_array_equal(pool.targets[...], expected[0])
+        np.testing.assert_array_equal(pool.confidence, expected[1])
 
     def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)
