@@ -82,7 +82,7 @@ def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
 def test_all_parts_count(flows: Flows) -> None:
     """Matching 10, 14 fields of 2 seconds 28, features and masks 20; and a point of every frame has 56 hops by flow
     and 20 by matches: 0.106 seconds, 256 of them 27.1. Altogether 86 seconds."""
-    hop = check_time(CLIP, settings(86.0), flows, 500, after=lambda points: points * 20 / 256)
+    hop = check_time(CLIP, settings(86.0), flows, 500, 1.0, after=lambda points: points * 20 / 256)
     assert hop == DEAR
     sentence = (
         "8 frames are too many for the time that there is: to prepare them takes at least 86 seconds (matching 10, "
@@ -90,15 +90,23 @@ def test_all_parts_count(flows: Flows) -> None:
         "--prepare-budget 86s or longer, to decomo-train also --time-budget 115s or longer, or a part, CLIP@A:B"
     )
     with pytest.raises(SupervisionError, match=re.escape(sentence)):
-        check_time(CLIP, settings(85.0), flows, 500, after=lambda points: points * 20 / 256)
-    check_time(CLIP, settings(85.0), flows, 100, after=lambda points: points * 20 / 256)  # where fewer are wanted
+        check_time(CLIP, settings(85.0), flows, 500, 1.0, after=lambda points: points * 20 / 256)
+    check_time(CLIP, settings(85.0), flows, 100, 1.0, after=lambda points: points * 20 / 256)  # where fewer are wanted
+
+
+def test_what_is_linked_again_counts(flows: Flows) -> None:
+    """A third of the points: 36 seconds for 27."""
+    hop = check_time(CLIP, settings(96.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
+    assert (hop.flow, hop.match) == pytest.approx((DEAR.flow * 4 / 3, DEAR.match * 4 / 3))
+    with pytest.raises(SupervisionError, match="at least 95 seconds .* points a frame 36, features and masks 20"):
+        check_time(CLIP, settings(94.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
 
 
 def test_what_takes_a_minute_is_not_refused(flows: Flows, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Matched, "lasting", 4.8)
-    check_time(CLIP, settings(1.0), flows, 500, after=lambda _: 0.0)
+    check_time(CLIP, settings(1.0), flows, 500, 1.0, after=lambda _: 0.0)
     with pytest.raises(SupervisionError, match="at least 61 seconds"):
-        check_time(CLIP, settings(1.0), flows, 500, after=lambda _: 0.5)
+        check_time(CLIP, settings(1.0), flows, 500, 1.0, after=lambda _: 0.5)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from decomotion.data import prepare as preparation
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
-from decomotion.data.links import budget, costs, flow_store, keypoint_matching
+from decomotion.data.links import budget, costs, flow_store, keypoint_matching, linker
 from decomotion.data.links import stage as links_stage
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
@@ -426,7 +426,7 @@ class TestCache:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(links_stage.linking, "link", killed)
+            patch.setattr(linker.linking, "link", killed)
             with pytest.raises(KeyboardInterrupt):
                 prepare(clip, settings, progress=False)
         assert "260 of 500 points a frame: budget; for all, give" in caplog.text
@@ -560,7 +560,7 @@ class TestCache:
         assert left == [59.0]
         assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
-    @pytest.mark.parametrize("at_once", [links_stage.LINKED_AT_ONCE, 20_000])
+    @pytest.mark.parametrize("at_once", [linker.LINKED_AT_ONCE, 20_000])
     def test_links_go_on_after_the_part_that_was_done(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, at_once: int
     ):
@@ -568,8 +568,8 @@ class TestCache:
         whole = prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
         expected = whole.targets[...], np.array(whole.confidence)
         shutil.rmtree(preparation.cache_root())
-        monkeypatch.setattr(links_stage, "LINKED_AT_ONCE", at_once)
-        link, begun = links_stage.linking.link, []
+        monkeypatch.setattr(linker, "LINKED_AT_ONCE", at_once)
+        link, begun = linker.linking.link, []
 
         def killed(*arguments: Any) -> Any:
             begun.append(arguments[0].shape[1])
@@ -577,7 +577,7 @@ class TestCache:
                 raise KeyboardInterrupt
             return link(*arguments)
 
-        monkeypatch.setattr(links_stage.linking, "link", killed)
+        monkeypatch.setattr(linker.linking, "link", killed)
         with pytest.raises(KeyboardInterrupt):
             prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
         pool = prepare(clip, config("data.features=none", "data.flow.alone=false"), progress=False)
@@ -613,7 +613,7 @@ class TestCache:
         whole = prepare(clip, config("data.features=none"), progress=False)
         expected = whole.targets[...], np.array(whole.confidence)
         shutil.rmtree(preparation.cache_root())
-        link, begun = links_stage.linking.link, []
+        link, begun = linker.linking.link, []
 
         def killed(*arguments: Any) -> Any:
             begun.append(arguments[0].shape[1])
@@ -621,7 +621,7 @@ class TestCache:
                 raise KeyboardInterrupt
             return link(*arguments)
 
-        monkeypatch.setattr(links_stage.linking, "link", killed)
+        monkeypatch.setattr(linker.linking, "link", killed)
         with pytest.raises(KeyboardInterrupt):
             prepare(clip, config("data.features=none"), progress=False)
         monkeypatch.setattr(making, "silhouettes", lambda *_: pytest.fail("looked for again"))

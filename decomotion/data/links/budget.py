@@ -35,15 +35,15 @@ PATIENCE = 60.0
 
 
 def check_time(
-    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, after: Callable[[int], float]
+    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, rounds: float, after: Callable[[int], float]
 ) -> costs.HopCosts:
-    """What carrying points costs.
+    """What carrying points costs that are linked so many times, in the mean.
 
     Raises `SupervisionError` where preparation takes longer than its budget even with flow between neighbours alone
     and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted. What follows the links takes `after(points)`.
     """
     frames, points = len(clip), min(wanted, costs.MIN_POINTS)
-    hop = costs.hop_costs(clip, kept(clip.height, clip.width, config.flow.field_side), wanted)
+    hop = costs.hop_costs(clip, kept(clip.height, clip.width, config.flow.field_side), wanted).times(rounds)
     parts = {
         "matching": flows.matches.seconds(),
         "flow between neighbours": flows.seconds(count_fields((1,), frames)),

@@ -34,6 +34,10 @@ class HopCosts:
     flow: float
     match: float
 
+    def times(self, rounds: float) -> HopCosts:
+        """Of a point that is carried so often."""
+        return HopCosts(rounds * self.flow, rounds * self.match)
+
     def of_a_point(self, frames: int, gaps: tuple[int, ...], matched: tuple[int, ...], max_gap: int) -> float:
         """Seconds in which one point of every frame is linked to every other, by flow over `gaps` and by matches."""
         return self.flow * hops(frames, gaps, max_gap) + self.match * hops(frames, matched, max_gap)

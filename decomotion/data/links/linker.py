@@ -1,0 +1,158 @@
+"""Linking of the points of every frame to every other, part by part, into the arrays of the stage `links`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from decomotion.clip import Clip
+from decomotion.data.config import DataConfig
+from decomotion.data.links import linking
+from decomotion.data.links.flow_store import FlowStore
+from decomotion.data.links.layer import Layer, Mask
+from decomotion.data.links.matching import MatchStore
+from decomotion.data.links.own_flow import OwnFlow
+from decomotion.data.links.refinement import Refiner
+from decomotion.data.pool import pack
+from decomotion.data.sampling import nearest, rescaled
+from decomotion.data.stages import write_array, write_whole
+from decomotion.memory import forget
+
+CONFIDENT_VARIANCE = 1.0
+"""Accumulated squared error, units^2, at which the confidence is one half."""
+LINKED = "linked"
+"""How many of the parts of linking are done: an interrupted run goes on after them."""
+LINKED_AT_ONCE = 256 << 20
+"""Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
+FOUND = "found.npy"
+"""What was found to move, for an interrupted run: it has linked some of that anew."""
+
+
+def parts_done(folder: Path) -> int:
+    """Parts of linking that an interrupted run has left in the stage's folder."""
+    file = folder / LINKED
+    return int(file.read_text(encoding="ascii")) if file.is_file() else 0
+
+
+Which = slice | npt.NDArray[np.int64]
+"""Of the points of a frame."""
+
+
+class Linker:
+    """Links the points of every frame to every other, part by part."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        working: Clip,
+        config: DataConfig,
+        flow: FlowStore,
+        intervals: tuple[int, ...],
+        matches: MatchStore,
+    ) -> None:
+        self._clip, self._working, self._pool, self._flow = clip, working, config.pool, flow
+        self._intervals = intervals
+        refine = Refiner(working)
+        self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
+        self._longest = min(len(clip), max(intervals + matches.intervals))
+
+    def followed(self, layer: Layer, bounded: bool, progress: bool, folder: Path) -> linking.Moving:
+        """What is in a layer, with its own flow; `bounded`: hidden elsewhere."""
+        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own")
+        own.compute(self._intervals, progress)
+        return linking.Moving(own, layer.mask, layer.reach if bounded else None)
+
+    def run(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        moving: linking.Moving | None,
+        progress: bool,
+        folder: Path,
+    ) -> None:
+        """Fills `targets` and `confidence`, but for the frames themselves; `folder` remembers which parts are done."""
+        frames, done, parts = len(self._clip), parts_done(folder), self._parts(points.shape[1])
+        with tqdm(
+            total=frames * len(parts), initial=frames * done, desc="link", disable=not progress, leave=False
+        ) as bar:
+            for number, (which, step) in enumerate(parts[done:], done + 1):
+                every = [which] * frames
+                self._link(points[:, which], every, targets, confidence, moving, step, bar)
+                _note(folder, number)
+
+    def run_again(
+        self,
+        points: npt.NDArray[np.float32],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        found: Callable[[], Iterable[Mask]],
+        progress: bool,
+        folder: Path,
+    ) -> None:
+        """Links those points anew that are `found` to move, by their own flow too, after `run`."""
+        if not (folder / FOUND).is_file():
+            write_array(folder / FOUND, np.stack(list(found())))
+        masks = np.load(folder / FOUND)
+        if not masks.any():
+            return
+        sides, raster = (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
+        moving = self.followed(Layer(masks, raster[::-1]), False, progress, folder)
+        first = len(self._parts(points.shape[1]))
+        moves = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, points, strict=True)]
+        some, frames = _padded(moves), np.arange(len(points))[:, None]
+        done, parts = parts_done(folder) - first, self._parts(some.shape[1])
+        with tqdm(
+            total=len(frames) * len(parts), initial=len(frames) * done, desc="link", disable=not progress, leave=False
+        ) as bar:
+            for number, (which, step) in enumerate(parts[done:], first + done + 1):
+                part = some[:, which]
+                self._link(points[frames, part], list(part), targets, confidence, moving, step, bar)
+                _note(folder, number)
+
+    def _parts(self, points: int) -> list[tuple[slice, int]]:
+        """Which points are linked at a time, and which way in time: as many as fit into `LINKED_AT_ONCE`."""
+        at_once = max(1, LINKED_AT_ONCE // (linking.BYTES_A_POINT * len(self._clip) * self._longest))
+        return [(slice(first, first + at_once), step) for first in range(0, points, at_once) for step in (1, -1)]
+
+    def _link(
+        self,
+        points: npt.NDArray[np.float32],
+        which: Sequence[Which],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        moving: linking.Moving | None,
+        step: int,
+        bar: tqdm,
+    ) -> None:
+        """Of `points` [frame, n, 2], which are those points of each frame."""
+        pool, sides, raster = self._pool, (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
+        on_raster = rescaled(points, sides, raster)
+        how = (pool.cycle_threshold, pool.max_gap, step, self._rematching, moving)
+        for links in linking.link(on_raster, self._flow, self._intervals, *how):
+            for source, xy, variance, occluded in zip(
+                links.sources, links.xy, links.variance, links.occluded, strict=True
+            ):
+                targets[source, links.target, which[source]] = pack(rescaled(xy, raster, sides), max(sides))
+                certain = np.float32(255 * CONFIDENT_VARIANCE) / (np.float32(CONFIDENT_VARIANCE) + variance)
+                certain[occluded] = 0
+                confidence[source, links.target, which[source]] = np.round(certain)
+            forget(targets)
+            forget(confidence)
+            bar.update()
+
+
+def _padded(chosen: Sequence[npt.NDArray[np.bool_]]) -> npt.NDArray[np.int64]:
+    """[frame, n]: the places of those `chosen`, the first as often as it takes; that of none is 0."""
+    places = [np.flatnonzero(each) if each.any() else np.zeros(1, np.int64) for each in chosen]
+    most = max(len(each) for each in places)
+    return np.stack([np.append(each, np.full(most - len(each), each[0])) for each in places])
+
+
+def _note(folder: Path, parts: int) -> None:
+    write_whole(folder / LINKED, partial(Path.write_text, data=str(parts), encoding="ascii"))
