@@ -10,55 +10,43 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.data import camera
-from decomotion.data.masks.auto import moves_at, moving_probability
+from decomotion.data.masks.auto import moves_at
 from decomotion.data.pool import UNKNOWN_MOTION, Positions
-from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
 
 def build_motion(
-    frames: AnyFrames | None,
     sides: tuple[int, int],
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
-    grid: tuple[int, int],
-    kind: str,
     given: Iterable[npt.NDArray[np.bool_]] | None,
-    random: np.random.Generator,
-    progress: bool,
+    probability: npt.NDArray[np.float32] | None,
     folder: Path,
 ) -> dict[str, Any]:
     """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
 
     Args:
-        frames: [frame, h, w, 3], the clip's at any size; where `kind` is `auto`.
         sides: height and width of the clip, in whose pixels positions are.
-        points: [frame, point, 2], of which the first form the jittered grid.
+        points: [frame, point, 2].
         targets: [frame, frame, point, 2], where they lie in the other frames.
         confidence: [frame, frame, point].
-        grid: rows and columns of the jittered grid.
-        kind: `auto`; `none`, for which nothing is known; or a folder's name.
-        given: the user's masks [H, W], one a frame, where `kind` is a folder.
-        random: draws the points that masks `auto` are found from.
-        progress: show a progress bar.
+        given: the user's masks [H, W], one a frame; or
+        probability: that what lies in a frame moves, [frame, row, column]; or neither.
         folder: of the stage.
     """
-    if kind == "none":
-        moving = np.full(points.shape[:2], UNKNOWN_MOTION, np.uint8)
+    if given is not None:
+        at = [read_at(mask, xy) for mask, xy in zip(given, points, strict=True)]
+    elif probability is not None:
+        at = [moves_at(values, xy, sides) for values, xy in zip(probability, points, strict=True)]
     else:
-        if given is None:
-            assert frames is not None
-            linked = (points, targets, confidence, grid, sides)
-            probability = moving_probability(frames, *linked, random, progress)
-            at = (moves_at(values, xy, sides) for values, xy in zip(probability, points, strict=True))
-        else:
-            at = (read_at(mask, xy) for mask, xy in zip(given, points, strict=True))
-        moving = np.stack(list(at)).astype(np.uint8)
+        at = [np.full(len(xy), UNKNOWN_MOTION, np.uint8) for xy in points]
+    moving = np.stack(at).astype(np.uint8)
     of_scene, of_object = closed_form(sides, points, targets, confidence, moving)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
-    return {"moving": None if kind == "none" else float((moving == 1).mean())}
+    known = given is not None or probability is not None
+    return {"moving": float((moving == 1).mean()) if known else None}
 
 
 def read_at(mask: npt.NDArray[np.bool_], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:

@@ -98,7 +98,7 @@ def test_what_is_linked_again_counts(flows: Flows) -> None:
     """A third of the points: 36 seconds for 27."""
     hop = check_time(CLIP, settings(96.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
     assert (hop.flow, hop.match) == pytest.approx((DEAR.flow * 4 / 3, DEAR.match * 4 / 3))
-    with pytest.raises(SupervisionError, match="at least 95 seconds .* points a frame 36, features and masks 20"):
+    with pytest.raises(SupervisionError, match=r"at least 95 seconds .* points a frame 36, features and masks 20"):
         check_time(CLIP, settings(94.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
 
 

@@ -66,14 +66,15 @@ def test_masks_are_read_at_the_nearest_pixel():
     assert [read_at(*both).tolist() for both in zip(masks, points, strict=True)] == [[True, False, False]] * 2
 
 
-@pytest.mark.parametrize(("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.75)])
+@pytest.mark.parametrize(
+    ("kind", "values", "share"), [("none", {2}, None), ("given", {0, 1}, 0.75), ("found", {0, 1}, 0.75)]
+)
 def test_what_the_stage_leaves(kind: str, values: set[int], share: float | None, tmp_path: Path):
     points, targets, confidence, _ = moved(60)
     points[..., 0] = np.where(np.arange(60) < 15, 8, 50)
-    masks = None if kind == "none" else np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH))
-    random = np.random.default_rng(0)
-    linked = (points, targets, confidence, (6, 10))
-    facts = build_motion(None, (HEIGHT, WIDTH), *linked, kind, masks, random, False, tmp_path)
+    masks = np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH)) if kind == "given" else None
+    likely = np.broadcast_to(np.float32(np.arange(10) > 4), (FRAMES, 6, 10)) if kind == "found" else None
+    facts = build_motion((HEIGHT, WIDTH), points, targets, confidence, masks, likely, tmp_path)
     assert facts == {"moving": share}
     assert set(np.unique(np.load(tmp_path / "moving.npy"))) == values
     assert np.load(tmp_path / "camera.npy").shape == np.load(tmp_path / "object.npy").shape == (FRAMES, 2, 3)

@@ -192,11 +192,12 @@ def _errors(there: Flow, back: Flow) -> Flow:
 
 def _grid(flow: Flow) -> Flow:
     """The pixels of its raster, not to be written to."""
-    return _pixels(*flow.shape[:2])
+    return pixels(*flow.shape[:2])
 
 
 @lru_cache(2)
-def _pixels(height: int, width: int) -> Flow:
+def pixels(height: int, width: int) -> Flow:
+    """(x, y) of each pixel of a raster, [h, w, 2], not to be written to."""
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 

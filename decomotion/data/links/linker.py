@@ -61,11 +61,12 @@ class Linker:
         self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
         self._longest = min(len(clip), max(intervals + matches.intervals))
 
-    def followed(self, layer: Layer, bounded: bool, progress: bool, folder: Path) -> linking.Moving:
-        """What is in a layer, with its own flow; `bounded`: hidden elsewhere."""
-        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own")
+    def followed(self, layer: Layer, given: bool, progress: bool, folder: Path) -> linking.Moving:
+        """What is in a layer, with its own flow: given masks, or what was found, which can be wrong."""
+        instead = None if given else self._flow
+        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", instead)
         own.compute(self._intervals, progress)
-        return linking.Moving(own, layer.mask, layer.reach if bounded else None)
+        return linking.Moving(own, layer.mask, layer.reach if given else None)
 
     def run(
         self,

@@ -1,5 +1,8 @@
 """Flow of what moves alone, at the scheduled gaps, on disk: both ways.
 
+What given masks hold moves so. What is found to move may be the scene beside it: there the flow of all stays, where the
+colours that it leads to are as near.
+
 Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
 """
 
@@ -9,15 +12,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 from tqdm import tqdm
 
 from decomotion.clip import Clip
-from decomotion.data.flow import Flow, FlowEstimator
-from decomotion.data.links.flow_store import each_of
+from decomotion.data.flow import Flow, FlowEstimator, Frame
+from decomotion.data.flow.interface import resized
+from decomotion.data.links.flow_store import each_of, pixels
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.layer import Layer
+from decomotion.data.links.linking import FlowLookup
 from decomotion.data.links.pair_files import Couple, PairFiles
+from decomotion.data.sampling import bilinear
+from decomotion.units import unit
+
+BLUR = 0.4
+"""Standard deviation in units by which colours are blurred before they are compared."""
+WINDOW = 2.5
+"""Units over which they are compared."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +43,14 @@ class OwnFlow:
         estimator: of their flow.
         layer: what moves.
         folder: of the files.
+        instead: `instead(i, j)` is the flow of all from frame i to frame j, [h, w, 2], where what moves was found.
     """
 
     clip: Clip
     estimator: FlowEstimator
     layer: Layer
     folder: Path
+    instead: FlowLookup | None = None
 
     def compute(self, gaps: Sequence[int], progress: bool) -> None:
         """Makes the fields at `gaps` that are not there yet."""
@@ -58,4 +74,26 @@ class OwnFlow:
         for first, second in (couple, couple[::-1]):
             frames = self.clip.frames[first], self.clip.frames[second]
             flow = self.layer.flow(self.estimator, frames, (first, second))
+            if self.instead is not None:
+                flow = likelier(*frames, flow, self.instead(first, second))
             self._files.write(first, second, flow.astype(np.float16))
+
+
+def likelier(frame: Frame, other: Frame, flow: Flow, instead: Flow) -> Flow:
+    """`flow` from one frame to another [H, W, 3], or `instead` where the colours that it leads to are as near.
+
+    Flows are [h, w, 2]; colours are compared over `WINDOW` units.
+    """
+    size = flow.shape[1::-1]
+    blurred = (cv2.GaussianBlur(resized(image, size), (0, 0), BLUR * unit(*size)) for image in (frame, other))
+    here, there = (image.astype(np.uint8) for image in blurred)
+    nearer = _difference(here, there, flow) < _difference(here, there, instead)
+    return np.where(nearer[..., None], flow, instead)
+
+
+def _difference(here: Frame, there: Frame, flow: Flow) -> npt.NDArray[np.float32]:
+    """Of colours, [h, w], the mean over channels and a window."""
+    where = (pixels(*flow.shape[:2]) + flow).astype(np.float32)
+    brought = bilinear(there, where)
+    side = max(1, round(WINDOW * unit(*flow.shape[:2])))
+    return cv2.blur(np.abs(brought - here.astype(np.float32)).mean(axis=-1), (side, side))

@@ -79,7 +79,7 @@ def build_links(
     flows = FlowStore(working, estimator, matches, folder / "flow", beside)
     after, hop = 0.0, None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
-        hop = check_time(working, config, flows, wanted, 1 if found is None else 1 + USUAL, seconds_after)
+        hop = check_time(working, config, flows, wanted, 1.0 if found is None else 1.0 + USUAL, seconds_after)
         after = seconds_after(wanted)
     estimated = time.monotonic()
     matches.compute(progress)

@@ -25,8 +25,16 @@ from decomotion.data.pool import PackedPositions, jittered_grid
 from decomotion.data.prepare.inputs import Inputs
 from decomotion.data.prepare.keys import Keys
 from decomotion.data.sampling import rescaled, sample_map
+from decomotion.data.stages import write_array
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
+
+Linked = tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]]
+"""Points, targets, confidence, and rows and columns of the grid, as in the pool."""
+PROBABILITY = "probability.npy"
+"""In the folder of `links`, where that is found there: how likely each point of the grid moves, [frame, row, column]."""
+SILHOUETTES = 0.5
+"""What they cost, of what masks do."""
 
 
 class Making:
@@ -51,22 +59,21 @@ class Making:
         inputs, begin = self.inputs, time.monotonic()
         random = generator(inputs.seed, "points")
         wanted = (inputs.clip, self.working, inputs.config, inputs.count, self.seconds_after_links, random)
-        found = self.silhouettes if inputs.finds_masks_of_links else None
+        found = partial(self.silhouettes, folder) if inputs.finds_masks_of_links else None
         given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links, found)
         return build_links(*wanted, *given, inputs.progress, folder, time.monotonic() - begin)
 
-    def silhouettes(
-        self,
-        points: npt.NDArray[np.float32],
-        targets: PackedPositions,
-        confidence: npt.NDArray[np.uint8],
-        grid: tuple[int, int],
-    ) -> Iterator[Mask]:
-        """What moves in each frame, as the links tell."""
-        inputs, frames = self.inputs, self.working.frames
-        linked = (points, targets, confidence, grid, inputs.sides)
-        probability = moving_probability(frames, *linked, generator(inputs.seed, "masks"), inputs.progress)
-        return silhouettes(frames, probability, Links(*linked), generator(inputs.seed, "silhouettes"))
+    def silhouettes(self, folder: Path, *linked: *Linked) -> Iterator[Mask]:
+        """What moves in each frame, as the links tell; how likely points move is kept in the folder."""
+        frames, links = self.working.frames, Links(*linked, self.inputs.sides)
+        probability = self.found(*linked)
+        write_array(folder / PROBABILITY, probability)
+        return silhouettes(frames, probability, links, generator(self.inputs.seed, "silhouettes"))
+
+    def found(self, *linked: *Linked) -> npt.NDArray[np.float32]:
+        """How likely each point of the grid moves, [frame, row, column]."""
+        how = (self.inputs.sides, generator(self.inputs.seed, "masks"), self.inputs.progress)
+        return moving_probability(self.working.frames, *linked, *how)
 
     def seconds_after_links(self, points: int) -> float:
         """What features and masks will take on this machine, about, by those of a frame with so many points."""
@@ -77,8 +84,8 @@ class Making:
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if inputs.config.masks == "auto":
-            often = 2 if inputs.finds_masks_of_links else 1
-            seconds += often * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
+            more = 1 + SILHOUETTES if inputs.finds_masks_of_links else 1
+            seconds += more * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
         return len(frames) * seconds
 
     def build_features(self, folder: Path) -> dict[str, Any]:
@@ -96,14 +103,16 @@ class Making:
 
     def build_motion(self, folder: Path) -> dict[str, Any]:
         """`motion`."""
-        inputs, keys, kind = self.inputs, self.keys, self.inputs.config.masks
+        inputs, keys = self.inputs, self.keys
         points, targets, confidence = self.linked()
         if inputs.filters_on:
             confidence = np.load(keys.filter.folder / "confidence.npy", mmap_mode="r")
-        frames = self.working.frames if kind == "auto" else None
-        linked = (points, targets, confidence, (keys.grid.rows, keys.grid.columns))
-        what = (kind, inputs.given_masks, generator(inputs.seed, "masks"))
-        return build_motion(frames, inputs.sides, *linked, *what, inputs.progress, folder)
+        probability = None
+        if inputs.finds_masks_of_links:
+            probability = np.load(keys.links.folder / PROBABILITY)
+        elif inputs.config.masks == "auto":
+            probability = self.found(points, targets, confidence, (keys.grid.rows, keys.grid.columns))
+        return build_motion(inputs.sides, points, targets, confidence, inputs.given_masks, probability, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""
