@@ -80,7 +80,6 @@ def write_jpegs(path: Path, files: Sequence[bytes], size: tuple[int, int], fps: 
     """A video whose frames are these JPEG files of (height, width), as cameras write them."""
     with av.open(str(path), "w") as file:
         stream = file.add_stream("mjpeg", rate=fps)
-        assert isinstance(stream, av.VideoStream)
         (stream.height, stream.width), stream.pix_fmt = size, "yuvj420p"
         for number, content in enumerate(files):
             packet = av.Packet(content)
