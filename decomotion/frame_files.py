@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
+from decomotion.frame_gaps import OTHER_SUFFIXES, check_kinds
 from decomotion.frame_order import frame_order
 from decomotion.frames import READING, Frames, Image, Source
 from decomotion.greys import SIDE, Grey, shrunk, size_of_grey
@@ -36,11 +37,12 @@ _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4
 def images_in(folder: Path) -> list[Path]:
     """The .jpg and .png files of a folder in order (`frame_order`).
 
-    Raises `ClipError` where they are of two clips, or their order is not clear.
+    Raises `ClipError` where they are of two clips, their order is not clear, or pictures of other kinds are among them.
     """
-    visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
+    visible = [file for file in folder.iterdir() if not file.name.startswith(".")]  # macOS adds ._name.jpg to copies
     names = [file.name for file in visible if file.suffix.lower() in IMAGE_SUFFIXES]
     try:
+        check_kinds(names, (file.name for file in visible if file.suffix.lower() in OTHER_SUFFIXES))
         return [folder / name for name in frame_order(names)]
     except ClipError as error:
         raise ClipError(f"in {folder}, {error}") from None
