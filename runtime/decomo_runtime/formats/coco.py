@@ -159,7 +159,7 @@ def _objects(
     frames: Sequence[int],
 ) -> list[str]:
     """The object that each annotation is of, by its category and its track, or number, where one image has them all."""
-    tracks = [each.get("track_id", each.get("attributes", {}).get("track_id")) for each in annotations]
+    tracks = [each.get("track_id", (each.get("attributes") or {}).get("track_id")) for each in annotations]
     told = list(zip([each["category_id"] for each in annotations], tracks, frames, strict=True))
     if len(set(told)) == len(told):
         numbers = tracks
