@@ -1,7 +1,8 @@
 """Csv files as people and spreadsheets write them, line by line.
 
 Cells are separated by commas, semicolons or tabs, whichever the header has most of; where that is not the comma, a
-comma in a number is its decimal point. Text is UTF-8, UTF-16 with its mark, or else Latin-1.
+comma in a number is its decimal point. Excel's line `sep=;` before the header says it instead. Text is UTF-8, UTF-16
+with its mark, or else Latin-1.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import TextIO
 
 SEPARATORS = (",", ";", "\t")
+_SAID = {f"sep={separator}": separator for separator in SEPARATORS}
 _PIECE = 2**16
 
 
@@ -26,6 +28,8 @@ class Table:
     separator: str
     lines: TextIO
     """What follows the header."""
+    header_line: int
+    """Number of the header's line, from 1."""
 
     def number(self, text: str) -> str:
         """A cell, or a line, as `float` or numpy takes its numbers."""
@@ -39,12 +43,15 @@ def opened_table(path: Path, comment: str | None = None) -> Iterator[Table]:
     Raises `OSError` where it cannot be read, `UnicodeError` where it is not text.
     """
     with open(path, newline="", encoding=_encoding(path)) as file:
-        header = file.readline()
+        header, number = file.readline(), 1
         while comment and header and (not header.strip() or header.startswith(comment)):
-            header = file.readline()
-        separator = max(SEPARATORS, key=header.count)
+            header, number = file.readline(), number + 1
+        if header.strip("\r\n ") in _SAID:
+            separator, header, number = _SAID[header.strip("\r\n ")], file.readline(), number + 1
+        else:
+            separator = max(SEPARATORS, key=header.count)
         names = [name.strip().strip('"').strip().lower() for name in header.split(separator)] if header.strip() else []
-        yield Table(names, separator, file)
+        yield Table(names, separator, file, number)
 
 
 def _encoding(path: Path) -> str:
