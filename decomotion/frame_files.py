@@ -173,9 +173,24 @@ def _decoded_picture(content: bytes, flags: int) -> AnyDepth | None:
 
 
 def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:
-    """Where an image file is not black, [H, W]; None where it does not decode. `suffix` is its name's."""
+    """Where an image file is not black, [H, W]; None where it does not decode. `suffix` is its name's.
+
+    Of a picture with transparent parts, as a cut-out has, it is where it is not transparent.
+    """
     image = decode_frame(content)
-    return None if image is None else image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
+    if image is None:
+        return None
+    picture = _decoded_picture(content, cv2.IMREAD_UNCHANGED)
+    opaque = None if picture is None else where_opaque(picture)
+    if opaque is not None and opaque.shape == image.shape[:2]:
+        return opaque
+    return image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
+
+
+def where_opaque(picture: AnyDepth) -> npt.NDArray[np.bool_] | None:
+    """Where a picture [H, W, 4] is not wholly transparent, [H, W]; None of others, and where it is so nowhere."""
+    opaque = picture[..., 3] > 0 if picture.ndim == 3 and picture.shape[2] == 4 else None
+    return None if opaque is None or opaque.all() else opaque
 
 
 def _source(file: Path) -> SourceFile:

@@ -288,6 +288,14 @@ def test_grey_labels_keep_values_and_depth(bits: int, tmp_path: Path):
     assert again.dtype == labels.dtype
 
 
+def test_what_is_transparent_is_no_object(tmp_path: Path):
+    Image.merge("LA", [Image.new("L", (WIDTH, HEIGHT), 255), Image.fromarray(square_mask(0)).convert("L")]).save(
+        tmp_path / "a.png"
+    )
+    (shape,) = read(tmp_path / "a.png", 0).shapes
+    np.testing.assert_array_equal(shape.mask, square_mask(0))
+
+
 @pytest.mark.parametrize("deep", [2, 8])
 def test_a_palette_is_kept(deep: int, tmp_path: Path):
     labels = np.where(square_mask(0), 3, 0).astype(np.uint8)
