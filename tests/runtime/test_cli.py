@@ -66,7 +66,7 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
         stream = container.streams.video[0]
         assert len(list(container.decode(stream))) == 4
         assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
-        assert stream.average_rate == 24
+        assert stream.average_rate == 12.5  # the model's; the folder of frames has none
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
 
 
@@ -177,7 +177,7 @@ def test_the_overlay_of_a_variable_rate_lasts_as_long_as_the_clip(write_model: C
     noise = np.random.default_rng(0).integers(0, 256, (NUM_FRAMES, HEIGHT, WIDTH, 3), np.uint8)
     clip = tmp_path / "phone.mp4"
     write_video(clip, noise, 30.0, times=times, pixel_aspect=16 / 11)
-    model = write_model({contract.META_TIMES: str(times.tolist())})
+    model = write_model({contract.META_TIMES: str(times.tolist()), contract.META_PIXEL_ASPECT: repr(16 / 11)})
     out, overlay = tmp_path / "tracks.csv", tmp_path / "tracks.mp4"
     arguments = ["--point", "0,3,4", "--frames", "1:6", "--out", out, "--overlay", overlay, "--clip", clip]
     assert main([str(argument) for argument in (model, *arguments)]) == 0
