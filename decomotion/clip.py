@@ -144,6 +144,8 @@ def read_clip(path: str | Path) -> Clip:
     path, begin, end = clip_part(Path(path))
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
+    if not path.is_dir() and not path.is_file():
+        raise ClipError(f"{path} is a pipe or a device, and a clip is read more than once; give a file, or a folder")
     name = _folder_name(path) if path.is_dir() else path.stem
     if path.is_dir():
         files = frame_files(path)

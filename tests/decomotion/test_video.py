@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import struct
 import subprocess
@@ -58,6 +59,12 @@ class TestVideo:
     def test_not_a_video(self, tmp_path: Path):
         (tmp_path / "film.mp4").write_bytes(b"not a film at all" * 20)
         with pytest.raises(ClipError, match=r"film\.mp4 does not decode as a video"):
+            read_clip(tmp_path / "film.mp4")
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+    def test_a_pipe_is_not_waited_for(self, tmp_path: Path):
+        os.mkfifo(tmp_path / "film.mp4")
+        with pytest.raises(ClipError, match=r"film.mp4 is a pipe or a device, and a clip is read more than once"):
             read_clip(tmp_path / "film.mp4")
 
     def test_one_image_is_one_frame(self, tmp_path: Path):
