@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,17 @@ def test_csv_in_any_encoding(tmp_path: Path, encoding: str):
     path = tmp_path / "q.csv"
     path.write_text("name,t,x,y\nFüße,0,1.5,2\nHände,3,4,5\n", encoding=encoding)
     np.testing.assert_array_equal(read_queries(path), [[0, 1.5, 2], [3, 4, 5]])
+
+
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="the system does not name open files")
+def test_csv_from_a_pipe():
+    reading, writing = os.pipe()
+    os.write(writing, b"t;x;y\n0;1,5;2\n")
+    os.close(writing)
+    try:
+        np.testing.assert_array_equal(read_queries(f"/dev/fd/{reading}"), [[0, 1.5, 2]])
+    finally:
+        os.close(reading)
 
 
 def test_csv_without_points(tmp_path: Path):
