@@ -140,6 +140,23 @@ def test_keypoints_of_images_that_are_named_as_the_clip_s(model_path: Path, clip
     assert Tracks.load(tmp_path / "t.npz").queries.tolist() == [[2, 5.5, 6]]
 
 
+def test_keypoints_on_images_of_another_size(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    image = {"id": 1, "file_name": "0.png", "frame_id": 0, "width": WIDTH, "height": HEIGHT}
+    content: dict[str, Any] = {"images": [image], "categories": [{"id": 1, "keypoints": ["nose"]}]}
+    content["annotations"] = [{"image_id": 1, "category_id": 1, "keypoints": [3, 4, 2]}]
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    arguments = [str(model_path), "--points-from", str(tmp_path / "a.json"), "--out", str(tmp_path / "t.csv")]
+    assert main(arguments) == 0
+    image["width"] *= 2
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    (tmp_path / "t.csv").unlink()
+    assert main(arguments) == 2
+    assert (
+        f"a.json is of images of {2 * WIDTH}x{HEIGHT} but the clip is {WIDTH}x{HEIGHT}; give" in capsys.readouterr().err
+    )
+    assert not (tmp_path / "t.csv").exists()
+
+
 @pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
 def test_refined_on_the_clip(
     model_path: Path,
