@@ -18,6 +18,7 @@ import pytest
 
 from decomo_runtime import Tracker, Tracks, contract, convert
 from decomo_runtime.cli import main as track_main
+from decomo_runtime.convert_cli import main as convert_main
 from decomo_runtime.view.cli import main as view_main
 from decomo_runtime.view.site import write_site
 from decomotion.quality import Figures, Quality
@@ -220,7 +221,24 @@ def test_csv_feeds_decomo_track(view: ViewPage, model: Path, tmp_path: Path):
     np.testing.assert_allclose(of_page, of_command, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["points.csv", "project.json", "tracks.npz"])
+@pytest.mark.parametrize("kind", ["tracks.csv", "tracks.npz", "project.json"])
+def test_saved_tracks_say_how_far_off_they_may_be(kind: str, view: ViewPage, model: Path, tmp_path: Path):
+    """As the commands say it; `decomo-convert` hands it on."""
+    view.click(12.25, 7)
+    view.seek(3)
+    view.click(33, 28.5)
+    saved = view.save(kind, tmp_path)
+    of_page = Tracks.load(saved)
+    of_command = Tracker(model).track(of_page.queries).error
+    assert of_command is not None
+    assert of_page.error is not None
+    np.testing.assert_allclose(of_page.error, of_command, atol=1e-3)  # files have four decimals
+    assert of_command.max() > 1
+    assert convert_main([str(saved), str(tmp_path / "converted.npz")]) == 0
+    np.testing.assert_array_equal(Tracks.load(tmp_path / "converted.npz").error, of_page.error)
+
+
+@pytest.mark.parametrize("kind", ["points.csv", "project.json", "tracks.csv", "tracks.npz"])
 def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path):
     view.click(12.25, 7)
     view.seek(3)
