@@ -123,8 +123,8 @@ export class Sketch {
     this.document.change((content) => ({ ...content, drawings: [...content.drawings, ...added] }));
   }
 
-  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. */
-  addMasks(labels: ArrayLike<number>, t: number): void {
+  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. Returns how many. */
+  addMasks(labels: ArrayLike<number>, t: number): number {
     const objects = [...new Set(Array.from(labels))].filter((label) => label > 0).sort((a, b) => a - b);
     this.document.change((content) =>
       objects.reduce((left, label) => {
@@ -136,15 +136,17 @@ export class Sketch {
         return marked(cleared, to, [this.pictureOf(alpha, t)]);
       }, content),
     );
+    return objects.length;
   }
 
   /** A mask that is corrected in a frame begins as it was carried there. */
   private carriedBase(mask: Drawing, t: number): readonly Mark[] {
     if (mask.marks.length === 0 || mask.marks.some((mark) => mark.t === t)) return [];
-    if (this.carrier === undefined || this.painter === undefined || drawnFrames(mask).some((each) => this.carrier?.map(t, each) === undefined)) {
-      throw new InputError(`${mask.name} is still being followed to this frame; draw in a moment.`);
-    }
-    return [this.pictureOf(this.painter.carriedMask(t, mask), t)];
+    const { carrier, painter } = this;
+    const frames = drawnFrames(mask);
+    const isKnown = frames.every((each) => carrier?.map(t, each)) && [t, ...frames].every((each) => carrier?.shares(each));
+    if (painter === undefined || !isKnown) throw new InputError(`${mask.name} is still being followed to this frame; draw in a moment.`);
+    return [this.pictureOf(painter.carriedMask(t, mask), t)];
   }
 
   private pictureOf(alpha: Uint8Array, t: number): Mark {

@@ -12,7 +12,7 @@ describe("where drawings are carried", () => {
     const carrier = new Carrier(FACTS, model, () => expect.fail("nothing is known"), (error) => errors.push(error));
     expect(carrier.isSettled(3, 0)).toBe(false);
     expect(carrier.isSettled(0, 0)).toBe(true); // the frame that was drawn on
-    carrier.want(3, { anchors: [0], owners: false });
+    carrier.want(3, { anchors: [0], owners: false, taught: [] });
     await new Promise((done) => setTimeout(done));
     expect(errors).toEqual([failed]);
     expect(carrier.isSettled(3, 0)).toBe(true);
