@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import { type Drawing, OWNERS } from "../drawings";
-import { readLabels } from "../files/labels";
+import { frameInName, readLabels } from "../files/labels";
 import type { Size } from "../geometry";
 import { InputError } from "../model/facts";
 import { base64, decode } from "../marks";
@@ -22,9 +22,10 @@ const HINTS: Readonly<Record<Tool, string>> = {
   picture: "Choose a picture, then click, or drag to say how large.",
 };
 
-/** Shows what goes wrong. */
+/** Says what was done, and shows what goes wrong. */
 interface Alerts {
   attempt(work: Promise<unknown> | undefined): void;
+  status(text: string): void;
 }
 
 export class Tools {
@@ -58,15 +59,13 @@ export class Tools {
     const onClick = (id: string, action: () => void): void => element(id, HTMLButtonElement).addEventListener("click", action);
     onClick("new-layer", () => this.begin(() => sketch.add("paint")));
     onClick("new-mask", () => this.begin(() => sketch.add("mask")));
-    onClick("load-mask", () => this.mask.click());
+    onClick("load-mask", () => {
+      app.pauseAt(app.pictures.nearest(app.player.frame)); // it may stand in for another
+      this.mask.click();
+    });
     onClick("draw-picture", () => this.picture.click());
     this.picture.addEventListener("change", () => this.take(this.picture, (file) => this.openPicture(file)));
-    this.mask.addEventListener("change", () =>
-      this.take(this.mask, async (file) => {
-        if (app.model === undefined) throw new InputError("Open a model before a mask.");
-        sketch.addMasks(readLabels(file.name, new Uint8Array(await file.arrayBuffer()), app.model.facts), app.player.frame);
-      }),
-    );
+    this.mask.addEventListener("change", () => this.take(this.mask, (file) => this.openMask(file, app)));
   }
 
   /** Fits the width of lines to another clip. */
@@ -110,6 +109,21 @@ export class Tools {
     input.value = "";
   }
 
+  /** Over the frame that the file's name tells, or that is shown. */
+  private async openMask(file: File, app: App): Promise<void> {
+    const { name } = file;
+    const facts = app.model?.facts;
+    if (facts === undefined) throw new InputError("Open a model before a mask.");
+    const labels = readLabels(name, new Uint8Array(await file.arrayBuffer()), facts);
+    const shown = app.player.frame;
+    const named = frameInName(name, facts.numFrames) ?? { t: shown, sure: true };
+    const t = named.sure || named.t === shown ? named.t : await askFrame(name, named.t, shown);
+    if (t === undefined) return;
+    const count = app.sketch.addMasks(labels, t);
+    app.pauseAt(t);
+    this.alerts.status(`${name}: ${count === 1 ? "a mask" : `${count} masks`} over frame ${t}.`);
+  }
+
   private async openPicture(file: File): Promise<void> {
     if (file.size > MOST_BYTES) throw new InputError(`${file.name} has more than ${MOST_BYTES / 2 ** 20} MB; make it smaller.`);
     const source = base64(new Uint8Array(await file.arrayBuffer()));
@@ -119,4 +133,18 @@ export class Tools {
     this.pen.picture = { ...size, source };
     element("draw-picture", HTMLButtonElement).textContent = file.name;
   }
+}
+
+/** Asks whether a mask is of the frame that its name may tell, or of the one that is shown; undefined: of none. */
+function askFrame(name: string, named: number, shown: number): Promise<number | undefined> {
+  const dialog = element("mask-frame", HTMLDialogElement);
+  element("mask-frame-file", HTMLSpanElement).textContent = name;
+  element("mask-frame-named", HTMLButtonElement).textContent = `Frame ${named}, as it is named`;
+  element("mask-frame-shown", HTMLButtonElement).textContent = `Frame ${shown}, which is shown`;
+  dialog.returnValue = ""; // what Escape leaves
+  dialog.showModal();
+  return new Promise((resolve) => {
+    const frames: Record<string, number> = { named, shown };
+    dialog.addEventListener("close", () => resolve(frames[dialog.returnValue]), { once: true });
+  });
 }
