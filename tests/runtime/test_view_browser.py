@@ -530,7 +530,10 @@ def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_fol
     worst = Tracker(model_folder).quality
     assert worst is not None
     with opened(chromium, tmp_path / "site", model_folder) as view:
-        said = view.page.locator("#quality")
+        said, line = view.page.locator("#quality p"), view.page.locator("#quality summary")
+        expect(line).to_have_text("The fit falls short of its links.")
+        expect(said).to_be_hidden()
+        line.click()
         expect(said).to_contain_text(f"In the worst window, {worst.summary()}. The fit falls short of its links")
         expect(said).to_contain_text("; fit for longer with decomo-train --resume.")
         alone = write_tiny_model(
@@ -542,6 +545,7 @@ def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_fol
         )
         view.open(alone)
         expect(said).to_have_text(f"H{quality(0.5).summary()[1:]}.")
+        expect(line).to_have_text("How good the fit is")
         view.open(write_tiny_model(tmp_path / "mute.onnx", num_frames=3, height=8, width=10))
         expect(said).to_be_hidden()
 

@@ -308,6 +308,8 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     view.page.locator("#new-mask").click()
     choose(view, "box")
     view.drag((9.5, 7.5), (29.5, 27.5))
+    for field in ("#draw-colour-field", "#draw-on-field"):  # a mask has its own colour
+        expect(view.page.locator(field)).to_be_hidden()
     view.seek(4)
     colour = view.page.locator("#drawings input[type=color]").input_value()
     tinted = tuple(0.55 * int(colour[at : at + 2], 16) + 0.45 * GREY for at in (1, 3, 5))
@@ -373,7 +375,7 @@ def test_a_mask_is_loaded_over_the_frame_that_its_name_tells(view: ViewPage, tmp
 
     view.seek(2)
     load(f"cat@{NUM_FRAMES}.png")
-    view.expect_alert(f"cat@{NUM_FRAMES}.png is of frame {NUM_FRAMES}, as its name says, but the clip has frames 0 to 7")
+    view.expect_alert(f"cat@{NUM_FRAMES}.png is of frame {NUM_FRAMES}, as its name says, but the clip has")
     load("cat@5.png")
     expect(frames).to_have_text("frame 5")
     view.expect_frame(5)
@@ -382,14 +384,19 @@ def test_a_mask_is_loaded_over_the_frame_that_its_name_tells(view: ViewPage, tmp
     load("00005.png")  # the frame shown
     expect(frames).to_have_text("frame 5")
     undo()
-    for answer, frame in (("Frame 3, as it is named", 3), ("Frame 5, which is shown", 5)):
+    for answer, frame in (("Frame 3, by its name", 3), ("Frame 5, shown now", 5)):
         view.seek(5)
         load("00003.png")
         dialog.get_by_text(answer).click()
         expect(frames).to_have_text(f"frame {frame}")
         view.expect_frame(frame)
         undo()
-    view.seek(5)
+    load("cat@5.png")
+    load("cat@5.png")
+    expect(view.page.locator("#status")).to_contain_text("in place of what was drawn there of Object 1; Undo")
+    view.page.locator("#undo").click()
+    expect(frames).to_have_text("frame 5")
+    undo()
     load("00003.png")
     expect(dialog).to_be_visible()
     view.page.keyboard.press("Escape")

@@ -123,9 +123,12 @@ export class Sketch {
     this.document.change((content) => ({ ...content, drawings: [...content.drawings, ...added] }));
   }
 
-  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. Returns how many. */
-  addMasks(labels: ArrayLike<number>, t: number): number {
+  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. Returns how many, and the names of those that were drawn there before. */
+  addMasks(labels: ArrayLike<number>, t: number): { added: number; replaced: string[] } {
     const objects = [...new Set(Array.from(labels))].filter((label) => label > 0).sort((a, b) => a - b);
+    const replaced = this.document.drawings
+      .filter(({ kind, label, marks }) => kind === "mask" && objects.includes(label) && marks.some((mark) => mark.t === t))
+      .map(({ name }) => name);
     this.document.change((content) =>
       objects.reduce((left, label) => {
         const there = left.drawings.find((each) => each.kind === "mask" && each.label === label);
@@ -136,7 +139,7 @@ export class Sketch {
         return marked(cleared, to, [this.pictureOf(alpha, t)]);
       }, content),
     );
-    return objects.length;
+    return { added: objects.length, replaced };
   }
 
   /** A mask that is corrected in a frame begins as it was carried there. */

@@ -36,6 +36,8 @@ export class Tools {
   private readonly picture = element("picture-file", HTMLInputElement);
   private readonly mask = element("mask-file", HTMLInputElement);
   private readonly radios = new Map<Tool, HTMLInputElement>();
+  /** Of the layer that is drawn on. */
+  private kind: Drawing["kind"] | undefined;
 
   constructor(
     private readonly pen: Pen,
@@ -88,13 +90,30 @@ export class Tools {
     this.pen.tool = tool;
     const radio = this.radios.get(tool);
     if (radio) radio.checked = true;
-    const shown = { "draw-colour": !["points", "eraser", "picture"].includes(tool), "draw-size": ["brush", "eraser", "text"].includes(tool) };
-    for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
+    this.showFields();
     const [hint] = element("hint", HTMLParagraphElement).childNodes;
     if (hint) hint.textContent = HINTS[tool];
-    element("draw-text-field", HTMLLabelElement).hidden = tool !== "text";
+  }
+
+  /** Draws on a layer of that kind; undefined: on a new one. */
+  drawOn(kind: Drawing["kind"] | undefined): void {
+    if (kind === this.kind) return;
+    this.kind = kind;
+    this.showFields();
+  }
+
+  /** What the tool needs to know of a layer of paint, or of a mask, which has its own colour. */
+  private showFields(): void {
+    const { tool } = this.pen;
+    const paints = this.kind !== "mask";
+    const shown = {
+      "draw-colour": paints && !["points", "eraser", "picture"].includes(tool),
+      "draw-size": ["brush", "eraser", "text"].includes(tool),
+      "draw-text": tool === "text",
+      "draw-on": paints && tool !== "points" && tool !== "eraser",
+    };
+    for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
     element("draw-picture", HTMLButtonElement).hidden = tool !== "picture";
-    element("draw-on-field", HTMLLabelElement).hidden = tool === "points" || tool === "eraser";
   }
 
   /** Makes a layer, and takes the brush to it. */
@@ -119,9 +138,10 @@ export class Tools {
     const named = frameInName(name, facts.numFrames) ?? { t: shown, sure: true };
     const t = named.sure || named.t === shown ? named.t : await askFrame(name, named.t, shown);
     if (t === undefined) return;
-    const count = app.sketch.addMasks(labels, t);
+    const { added, replaced } = app.sketch.addMasks(labels, t);
     app.pauseAt(t);
-    this.alerts.status(`${name}: ${count === 1 ? "a mask" : `${count} masks`} over frame ${t}.`);
+    const instead = replaced.length > 0 ? `, in place of what was drawn there of ${replaced.join(", ")}; Undo brings it back` : "";
+    this.alerts.status(`${name}: ${added === 1 ? "a mask" : `${added} masks`} over frame ${t}${instead}.`);
   }
 
   private async openPicture(file: File): Promise<void> {
@@ -138,9 +158,9 @@ export class Tools {
 /** Asks whether a mask is of the frame that its name may tell, or of the one that is shown; undefined: of none. */
 function askFrame(name: string, named: number, shown: number): Promise<number | undefined> {
   const dialog = element("mask-frame", HTMLDialogElement);
-  element("mask-frame-file", HTMLSpanElement).textContent = name;
-  element("mask-frame-named", HTMLButtonElement).textContent = `Frame ${named}, as it is named`;
-  element("mask-frame-shown", HTMLButtonElement).textContent = `Frame ${shown}, which is shown`;
+  element("mask-frame-file", HTMLParagraphElement).textContent = name;
+  element("mask-frame-named", HTMLButtonElement).textContent = `Frame ${named}, by its name`;
+  element("mask-frame-shown", HTMLButtonElement).textContent = `Frame ${shown}, shown now`;
   dialog.returnValue = ""; // what Escape leaves
   dialog.showModal();
   return new Promise((resolve) => {
