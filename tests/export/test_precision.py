@@ -185,8 +185,7 @@ def test_deviation_is_measured_in_bounded_memory(fitted: Export, canonical: Expo
         return SimpleNamespace(run=run)
 
     monkeypatch.setattr(precision, "open_session", opened)
-    monkeypatch.setattr(precision, "MEMORY", 3 * precision.QUERIES * 2048)
-    parts = deviation(*both, 8, 40, 28, 2048)
+    parts = deviation(*both, 8, 40, 28, 349_525)  # three times 256 of these are 256 MiB
     assert asked == [3, 3, 2] * 2
     assert (parts.mean, parts.p99) == pytest.approx((whole.mean, whole.p99), rel=1e-3)
     assert all(np.array_equal(each, queries[0]) for each in queries)  # the same of both graphs
