@@ -2,6 +2,7 @@
 
     python benchmarks/mutation.py --json benchmarks/results/mutation.json          # about 40 minutes on two cores
     python benchmarks/mutation.py --room losses --room model --count 60 --seed 1   # others, of two rooms
+    python benchmarks/mutation.py --again before.json --json after.json            # when there are tests for survivors
 
 `mutation.yaml` names the rooms and their tests. Each mutant runs in a copy of the working tree, in a fork of a process
 that has the libraries loaded, until the first test fails; one that exceeds its time is noticed too. A survivor is a
@@ -10,6 +11,7 @@ hole in the tests, or changes nothing: then it goes into the list `equivalent` o
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -155,8 +157,21 @@ def finished(jobs: list[Job], copies: list[Path]) -> Iterator[Job]:
             _kill(job.process)
 
 
-def described(room: dict[str, Any], jobs: Sequence[Job]) -> dict[str, Any]:
-    """What a room's record says."""
+def survived(record: dict[str, Any], name: str, drawn: Sequence[Mutant]) -> list[Mutant]:
+    """Of a room's sample those that no test noticed in an earlier run, with those that change nothing.
+
+    Raises `click.UsageError` where the sample is another one by now.
+    """
+    room = record["rooms"][name]
+    known = [(each["file"], each["before"], each["after"]) for each in (*room["survivors"], *room["equivalent"])]
+    found = [mutant for mutant in drawn if (mutant.file, mutant.before, mutant.after) in known]
+    if len(found) != len(known) or len(drawn) != room["mutants"] + len(room["equivalent"]):
+        raise click.UsageError(f"the sources of {name} have changed since that record; run the whole sample")
+    return found
+
+
+def described(room: dict[str, Any], jobs: Sequence[Job], drawn: int) -> dict[str, Any]:
+    """What a room's record says, of so many that were drawn; those without a job were noticed in an earlier run."""
     reasons = {(each["line"], each["becomes"]): each["why"] for each in room.get("equivalent", ())}
     survivors = [
         (job.mutant, reasons.get((job.mutant.before, job.mutant.after)))
@@ -165,7 +180,7 @@ def described(room: dict[str, Any], jobs: Sequence[Job]) -> dict[str, Any]:
     ]
     holes = [mutant.record() for mutant, reason in survivors if reason is None]
     equivalent = [mutant.record() | {"why": reason} for mutant, reason in survivors if reason is not None]
-    counted = len(jobs) - len(equivalent)
+    counted = drawn - len(equivalent)
     return {
         "mutants": counted,
         "killed": counted - len(holes),
@@ -181,24 +196,35 @@ def described(room: dict[str, Any], jobs: Sequence[Job]) -> dict[str, Any]:
 @click.option("--count", default=30, type=click.IntRange(1), help="Mutants in each room, or all there are.")
 @click.option("--seed", default=0, help="Of the sample.")
 @click.option("--workers", default=2, type=click.IntRange(1), help="Tests at a time.")
+@click.option(
+    "--again",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A record: of its rooms and sample try only what survived; the rest was noticed.",
+)
 @click.option("--json", "record_path", type=click.Path(path_type=Path), help="Write the record there.")
-def main(names: tuple[str, ...], count: int, seed: int, workers: int, record_path: Path | None) -> None:
+def main(
+    names: tuple[str, ...], count: int, seed: int, workers: int, again: Path | None, record_path: Path | None
+) -> None:
     """Put faults in, one at a time, and say which no test noticed."""
     rooms = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
     if unknown := set(names) - set(rooms):
         raise click.UsageError(f"there is no room {', '.join(sorted(unknown))}; there are {', '.join(rooms)}")
+    earlier = None if again is None else json.loads(again.read_text())
+    if earlier is not None:
+        names, count, seed = tuple(earlier["rooms"]), earlier["count"], earlier["seed"]
     for library in LIBRARIES:
         __import__(library)
     with tempfile.TemporaryDirectory(prefix="decomotion-mutation-") as folder:
         copies = [copied(Path(folder, str(number))) for number in range(workers)]
         drawn = {name: sample(ROOT, _files(rooms[name]), count, seed) for name in rooms if not names or name in names}
+        tried = drawn if earlier is None else {name: survived(earlier, name, drawn[name]) for name in drawn}
         seconds = {}
         for job in finished([Job(name, tests_of(rooms[name], "", copies[0]), None, 3600) for name in drawn], copies):
             if job.noticed is not None:
                 said = (job.copy / LOG).read_text(errors="replace")[-2000:]
                 raise click.ClickException(f"the tests of {job.room} fail as they are: {job.noticed}\n{said}")
             seconds[job.room] = job.seconds
-            click.echo(f"{job.room}: {len(drawn[job.room])} mutants; its tests take {job.seconds:.0f} s")
+            click.echo(f"{job.room}: {len(tried[job.room])} mutants; its tests take {job.seconds:.0f} s")
         jobs = [
             Job(
                 name,
@@ -206,7 +232,7 @@ def main(names: tuple[str, ...], count: int, seed: int, workers: int, record_pat
                 mutant,
                 max(LEAST_SECONDS, PATIENCE * seconds[name]),
             )
-            for name, mutants in drawn.items()
+            for name, mutants in tried.items()
             for mutant in mutants
         ]
         for number, job in enumerate(finished(jobs, copies), 1):
@@ -215,7 +241,9 @@ def main(names: tuple[str, ...], count: int, seed: int, workers: int, record_pat
             click.echo(
                 f"{number}/{len(jobs)} {job.seconds:.0f} s {job.noticed or 'SURVIVED'} {where} {job.mutant.after}"
             )
-    found = {name: described(rooms[name], [job for job in jobs if job.room == name]) for name in drawn}
+    found = {
+        name: described(rooms[name], [job for job in jobs if job.room == name], len(drawn[name])) for name in drawn
+    }
     for name, room in found.items():
         click.echo(f"{name:10} {room['killed']:3} of {room['mutants']:3}: {room['share']}")
     if record_path is not None:

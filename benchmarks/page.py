@@ -4,13 +4,14 @@
     python benchmarks/page.py goat.onnx --windows 30 --clicks 2
     python benchmarks/page.py goat.onnx goat.mp4 --draw
     python benchmarks/page.py goat.onnx --long 300 --size 1920x1080
+    python benchmarks/page.py camel.onnx frames/camel --masks masks/camel --frame 12 --frame 30
 
 Opens the page in Chromium (`apt-get install chromium`), clicks thirty pixels of frame 0 while the clip is shown, then
 as many while the model also renders its layers; prints milliseconds from a click to its point on the list and to its
 whole track. With `--windows`, the file is taken for each of so many windows of a long clip. With `--draw`, also how
 often in a second the picture is drawn anew while the brush draws over those points, and while what it drew is played.
 With `--long`, it is taken for each window of a made clip of so many frames, which is scrubbed, played and rendered
-(`page_long.py`).
+(`page_long.py`). With `--masks`, the mask of frame 0 is loaded and carried to the frames (`page_masks.py`).
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import numpy as np
 from playwright.sync_api import Page, expect, sync_playwright
 
 import page_long
+import page_masks
 from decomo_runtime import Tracker, Tracks, ViewError
 from decomo_runtime.view.server import make_server
 from decomo_runtime.view.site import read_inputs, write_site
@@ -47,7 +49,19 @@ FLAGS = ("--no-sandbox", "--no-first-run", "--disable-gpu", "--disable-backgroun
 @click.option("--draw", is_flag=True)
 @click.option("--long", "length", metavar="FRAMES", type=click.IntRange(min=20))
 @click.option("--size", metavar="WxH", default="1920x1080", help="Of the long clip.")
-def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool, length: int | None, size: str) -> None:
+@click.option("--masks", metavar="DIR", type=click.Path(path_type=Path), help="A PNG for each frame of CLIP.")
+@click.option("--frame", "asked", metavar="T", type=int, multiple=True, help="To carry the first of them to.")
+def main(
+    model: Path,
+    clip: Path | None,
+    windows: int,
+    clicks: int,
+    draw: bool,
+    length: int | None,
+    size: str,
+    masks: Path | None,
+    asked: tuple[int, ...],
+) -> None:
     """Measures the page with MODEL and CLIP."""
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -74,6 +88,9 @@ def main(model: Path, clip: Path | None, windows: int, clicks: int, draw: bool, 
         click.echo(f"{page.locator('#facts').text_content()}; Chromium {browser.version}")
         if length is not None:
             page_long.measure(page)
+            return
+        if masks is not None and clip is not None:
+            page_masks.measure(page, model, clip, masks, asked, Path(several))
             return
         click.echo(f"a click: {click_times(page, clicks)}")
         if draw:

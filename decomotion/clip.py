@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from decomotion.errors import ClipError
 from decomotion.frame_files import frame_files, open_frames
+from decomotion.frame_gaps import missing_numbers
 from decomotion.frames import AnyFrames, Frames
 from decomotion.video import ROUNDING, open_video
 
@@ -143,9 +144,13 @@ def read_clip(path: str | Path) -> Clip:
     path, begin, end = clip_part(Path(path))
     if not path.exists():
         raise ClipError(f"{path} does not exist; give a folder of frames or a video file")
+    if not path.is_dir() and not path.is_file():
+        raise ClipError(f"{path} is a pipe or a device, and a clip is read more than once; give a file, or a folder")
     name = _folder_name(path) if path.is_dir() else path.stem
     if path.is_dir():
         files = frame_files(path)
+        if lacking := missing_numbers([file.name for file in files]):
+            log.warning("%s %s", name, lacking)
         frames, count, times, pixel_aspect = open_frames(files, begin, end), len(files), None, 1.0
     else:
         video = open_video(path, begin, end)

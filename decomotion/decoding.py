@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 MARKED = 4
 """Every so many rows of a picture make up its mark."""
+UNKNOWN_KINDS = 16
+"""Kinds of data beside a frame that FFmpeg may know and PyAV not yet."""
 
 
 def stream_at(container: InputContainer, index: int) -> VideoStream:
@@ -73,6 +76,22 @@ def mark(frame: VideoFrame) -> int:
     return zlib.crc32(rows[::MARKED, : plane.width * -(-bits // 8)].tobytes())
 
 
+def _with_known_data(frame: VideoFrame) -> VideoFrame:
+    """The frame without the data beside it of kinds that FFmpeg knows and PyAV does not."""
+    from av.filter import Graph
+    from av.sidedata.sidedata import Type
+
+    last_known = max(kind.value for kind in Type)
+    graph = Graph()
+    begin = graph.add_buffer(
+        width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base or Fraction(1)
+    )
+    removing = [graph.add("sidedata", f"mode=delete:type={last_known + 1 + kind}") for kind in range(UNKNOWN_KINDS)]
+    graph.link_nodes(begin, *removing, graph.add("buffersink")).configure()
+    graph.vpush(frame)
+    return graph.vpull()
+
+
 @dataclass(frozen=True)
 class Display:
     """How stored pictures are to be shown: where the stored x and y axes point to."""
@@ -83,7 +102,10 @@ class Display:
     @staticmethod
     def of(frame: VideoFrame) -> Display:
         """By the display matrix beside a frame. Asked of every frame, PyAV would keep many in memory: of the first."""
-        matrix = frame.side_data.get("DISPLAYMATRIX")
+        try:
+            matrix = frame.side_data.get("DISPLAYMATRIX")
+        except ValueError:  # data of a kind that PyAV has no name for, as EXIF, hides all
+            matrix = _with_known_data(frame).side_data.get("DISPLAYMATRIX")
         if matrix is None:
             return Display()
         (x_of_x, y_of_x, _), (x_of_y, y_of_y, _), _ = np.frombuffer(matrix, np.int32).reshape(3, 3).tolist()

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomotion.errors import ClipError
+from decomotion.frame_gaps import OTHER_SUFFIXES, check_kinds
 from decomotion.frame_order import frame_order
 from decomotion.frames import READING, Frames, Image, Source
 from decomotion.greys import SIDE, Grey, shrunk, size_of_grey
@@ -36,11 +37,12 @@ _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4
 def images_in(folder: Path) -> list[Path]:
     """The .jpg and .png files of a folder in order (`frame_order`).
 
-    Raises `ClipError` where they are of two clips, or their order is not clear.
+    Raises `ClipError` where they are of two clips, their order is not clear, or pictures of other kinds are among them.
     """
-    visible = (file for file in folder.iterdir() if not file.name.startswith("."))  # macOS adds ._name.jpg to copies
+    visible = [file for file in folder.iterdir() if not file.name.startswith(".")]  # macOS adds ._name.jpg to copies
     names = [file.name for file in visible if file.suffix.lower() in IMAGE_SUFFIXES]
     try:
+        check_kinds(names, (file.name for file in visible if file.suffix.lower() in OTHER_SUFFIXES))
         return [folder / name for name in frame_order(names)]
     except ClipError as error:
         raise ClipError(f"in {folder}, {error}") from None
@@ -171,9 +173,24 @@ def _decoded_picture(content: bytes, flags: int) -> AnyDepth | None:
 
 
 def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:
-    """Where an image file is not black, [H, W]; None where it does not decode. `suffix` is its name's."""
+    """Where an image file is not black, [H, W]; None where it does not decode. `suffix` is its name's.
+
+    Of a picture with transparent parts, as a cut-out has, it is where it is not transparent.
+    """
     image = decode_frame(content)
-    return None if image is None else image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
+    if image is None:
+        return None
+    picture = _decoded_picture(content, cv2.IMREAD_UNCHANGED)
+    opaque = None if picture is None else where_opaque(picture)
+    if opaque is not None and opaque.shape == image.shape[:2]:
+        return opaque
+    return image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
+
+
+def where_opaque(picture: AnyDepth) -> npt.NDArray[np.bool_] | None:
+    """Where a picture [H, W, 4] is not wholly transparent, [H, W]; None of others, and where it is so nowhere."""
+    opaque = picture[..., 3] > 0 if picture.ndim == 3 and picture.shape[2] == 4 else None
+    return None if opaque is None or opaque.all() else opaque
 
 
 def _source(file: Path) -> SourceFile:

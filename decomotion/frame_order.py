@@ -36,14 +36,22 @@ def frame_order(names: Iterable[str]) -> list[str]:
 
 
 def _sorted(names: Sequence[str], minus: bool = False, decimal: bool = False) -> list[str]:
-    return sorted(names, key=lambda name: (_key(name, minus, decimal), name))
+    return sorted(names, key=lambda name: (name_key(name, minus, decimal), name))
 
 
-def _key(name: str, minus: bool = False, decimal: bool = False) -> Key:
+def name_key(name: str, minus: bool = False, decimal: bool = False) -> Key:
+    """Text and numbers of a name without its ending, in turn; numbers have a sign, or decimals, where that is said."""
     sign, fraction = "-?" if minus else "", rf"(?:\.[{_DIGITS}]+)?" if decimal else ""
     number = rf"({_AMONG_NUMBERS}{sign}[{_DIGITS}]+{fraction}{_NO_NUMBERS_MORE}|[{_DIGITS}]+)"
     parts = re.split(number, PurePath(name).stem.lower())
     return [Fraction(part) if place % 2 else part for place, part in enumerate(parts)]
+
+
+def words_and_numbers(name: str) -> tuple[tuple[str, ...], tuple[Fraction, ...]]:
+    """The letters of a name between its numbers, which are those of one series, and the numbers."""
+    key = name_key(name)
+    words = tuple("".join(filter(str.isalpha, part)) for part in key if isinstance(part, str))
+    return words, tuple(part for part in key if isinstance(part, Fraction))
 
 
 def _check_single(names: Sequence[str]) -> None:
@@ -56,9 +64,8 @@ def _check_single(names: Sequence[str]) -> None:
             raise ClipError(
                 f"{other} and {name} differ in their ending alone; keep frames and their masks in folders of their own"
             )
-        key = _key(name)
-        words = tuple("".join(filter(str.isalpha, part)) for part in key if isinstance(part, str))
-        if numbers := tuple(part for part in key if isinstance(part, Fraction)):
+        words, numbers = words_and_numbers(name)
+        if numbers:
             series[words][numbers] = name
     for one, other in combinations(series.values(), 2):
         if len(shared := sorted(one.keys() & other.keys())) > 1:
@@ -77,7 +84,7 @@ def _has_minus(names: Sequence[str]) -> bool:
     signed: dict[tuple[str | Fraction, ...], str] = {}
     plain = set()
     for name in names:
-        key = _key(name, minus=True, decimal=True)
+        key = name_key(name, minus=True, decimal=True)
         for place, part in enumerate(key):
             if isinstance(part, Fraction) and part < 0:
                 signed[tuple(key[:place])] = name
@@ -101,7 +108,7 @@ def _has_decimals(names: Sequence[str], minus: bool) -> bool:
     refused, as 1.9 and 1.10.
     """
     counted, measured = _sorted(names, minus), _sorted(names, minus, decimal=True)
-    keys = [_key(name, minus, decimal=True) for name in measured]
+    keys = [name_key(name, minus, decimal=True) for name in measured]
     if counted == measured or any(key == after for key, after in pairwise(keys)):
         return False
     fractions = [digits for name in names for digits in re.findall(rf"\.([{_DIGITS}]+)", PurePath(name).stem)]

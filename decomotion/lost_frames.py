@@ -16,7 +16,7 @@ PLACES = 5
 """Places that the sentence names."""
 _GAP = 1.5
 """Usual distances between frames from which on some are missing."""
-_UNEVEN = 0.1
+UNEVEN = 0.1
 """Share of gaps from which on they are the recording's own uneven rate."""
 
 
@@ -89,7 +89,7 @@ def _by_time(met: Met, times: npt.NDArray[np.float64]) -> dict[int, int]:
     steps = np.diff(times)
     usual = np.median(steps) if len(steps) else 0.0
     gaps = np.flatnonzero(steps > _GAP * usual)
-    if len(gaps) <= max(1, _UNEVEN * len(steps)):
+    if len(gaps) <= max(1, UNEVEN * len(steps)):
         for place in gaps.tolist():
             places[place] = max(places[place], round(steps[place] / usual) - 1)
     return dict(places)

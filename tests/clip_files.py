@@ -76,6 +76,19 @@ def write_video(
     return path
 
 
+def write_jpegs(path: Path, files: Sequence[bytes], size: tuple[int, int], fps: int = 12) -> Path:
+    """A video whose frames are these JPEG files of (height, width), as cameras write them."""
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("mjpeg", rate=fps)
+        (stream.height, stream.width), stream.pix_fmt = size, "yuvj420p"
+        for number, content in enumerate(files):
+            packet = av.Packet(content)
+            packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, fps), True
+            packet.pts = packet.dts = number
+            file.mux(packet)
+    return path
+
+
 def write_streams(path: Path, streams: Iterable[tuple[str, Frames, bool]]) -> Path:
     """A file of several video streams: the encoder of each, its frames, and whether it is the default one."""
     with av.open(str(path), "w") as file:

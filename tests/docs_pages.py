@@ -21,6 +21,11 @@ SOURCES = [str(ROOT / part) for part in ("", "export", "runtime", "eval")]
 _BLOCK = re.compile(r"^(?P<comment><!-- (?P<mark>[^\n]*) -->\n)?```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
 _NEEDS = re.compile(r"needs ([\w.]+)")
 _NUMBER = re.compile(r"\d[\d.e+-]*")
+_FENCED = re.compile(r"^```.*?^```$", re.M | re.S)
+_SHELL = re.compile(r"^```(?:sh|bash)\n(.*?)^```$", re.M | re.S)
+_CODE = re.compile(r"`([^`]+)`")
+_OPTION = re.compile(r"\B--[a-z][a-z0-9-]*")
+"""As a program writes it where it declares it, or tells of it."""
 
 
 @dataclass(frozen=True)
@@ -91,24 +96,42 @@ def _likeness(line: str) -> str:
     return ".*".join(parts).replace(re.escape("\0"), _NUMBER.pattern).replace("\\ ", r"\s+")
 
 
-def unknown_options(block: Block) -> Iterator[str]:
-    """Options of our own commands, in a block of sh, that the commands do not have."""
-    for line in block.text.replace("\\\n", " ").splitlines():
-        words = shlex.split(line, comments=True)
-        for place, word in enumerate(words):
-            if word not in SCRIPTS or word == "decomo":
-                continue
-            rest = words[place + 1 :]
-            ends = [end for end, each in enumerate(rest) if each in ("&&", "||", "|", ";", "&", "done")]
-            known = _options(word)
-            yield from (
-                f"{word} {option}"
-                for option in rest[: min(ends, default=len(rest))]
-                if option.startswith("--") and option.split("=")[0] not in known
-            )
+def shown_commands(page: Path) -> list[str]:
+    """What a page shows of the shell: the lines of its blocks, and commands named in its sentences."""
+    content = page.read_text(encoding="utf-8")
+    lines = [line for text in _SHELL.findall(content) for line in text.replace("\\\n", " ").splitlines()]
+    named = (" ".join(code.split()) for code in _CODE.findall(_FENCED.sub("", content)))
+    return lines + [code for code in named if code.startswith(("decomo-", "python benchmarks/", "benchmarks/"))]
 
 
-def _options(name: str) -> set[str]:
+def unknown_options(line: str) -> Iterator[str]:
+    """Options that our own commands and programs, in a line of the shell, do not have; commands that there are not."""
+    words = shlex.split(line, comments=True)
+    for place, word in enumerate(words):
+        if place == 0 and re.fullmatch(r"decomo-[a-z]+", word) and word not in SCRIPTS:
+            yield word
+        known = _options(word)
+        if known is None:
+            continue
+        rest = words[place + 1 :]
+        ends = [end for end, each in enumerate(rest) if each in ("&&", "||", "|", ";", "&", "done")]
+        yield from (
+            f"{word} {option}"
+            for option in rest[: min(ends, default=len(rest))]
+            if option.startswith("--") and option.split("=")[0].rstrip(";") not in known
+        )
+
+
+def _options(word: str) -> set[str] | None:
+    """Those of a command or of a program of `benchmarks/`; None: it is neither."""
+    if word in SCRIPTS and word != "decomo":
+        return _of_command(word)
+    if word.startswith("benchmarks/") and word.endswith(".py"):
+        return set(_OPTION.findall((ROOT / word).read_text(encoding="utf-8"))) | {"--help"}
+    return None
+
+
+def _of_command(name: str) -> set[str]:
     module = importlib.import_module(SCRIPTS[name].split(":")[0])
     commands = [each for each in vars(module).values() if isinstance(each, click.Command)]
     return {

@@ -54,7 +54,7 @@ def _lines(path: Path) -> Iterator[tuple[str, Correction]]:
         reader = csv.reader(table.lines, delimiter=table.separator, skipinitialspace=True)
         for row in reader:
             if any(cell.strip() for cell in row):
-                where = f"{path}, line {reader.line_num + 1}"
+                where = f"{path}, line {table.header_line + reader.line_num}"
                 yield where, _parsed(row, places, where, table)
 
 

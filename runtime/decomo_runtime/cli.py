@@ -111,7 +111,7 @@ def track(
     if overlay is not None and clip is not None:
         motion = follow_scene(tracker) if trails == CAMERA else None
         drawn = draw_tracks(clip.frames, tracks, mark=mark, motion=motion)
-        write_video(overlay, drawn, clip.fps, times=clip.times[tracks.frames], pixel_aspect=clip.pixel_aspect)
+        write_video(overlay, drawn, tracker.fps, times=tracker.times[tracks.frames], pixel_aspect=tracker.pixel_aspect)
 
     number, length = tracks.occluded.shape
     refined = "" if tracks.refined is None else f"{_share(tracks.refined)} refined, "

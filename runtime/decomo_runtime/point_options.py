@@ -80,7 +80,7 @@ class Asked:
         from decomo_runtime.queries import check_queries
 
         if self.points_from is not None:
-            queries, names = _keypoints(self.points_from, clip_path)
+            queries, names = _keypoints(self.points_from, clip_path, tracker.facts)
         else:
             ((option, value),) = self.given.items()
             queries, names = _wanted_queries(option, value, self.spacing, tracker.facts), ()
@@ -148,14 +148,22 @@ def _wanted_queries(option: str, value: Any, spacing: float | None, model: Model
     return queries_in(option, value, spacing, model)
 
 
-def _keypoints(text: str, clip_path: Path | None) -> tuple[np.ndarray, tuple[str, ...]]:
+def _keypoints(text: str, clip_path: Path | None, model: ModelFacts) -> tuple[np.ndarray, tuple[str, ...]]:
     """[N, 3] rows of (t, x, y) and their names, from `"FILE"` or `"FILE@T"`."""
+    from decomo_runtime.errors import QueryError
     from decomo_runtime.formats.frames import clip_files
     from decomo_runtime.keypoints import read_keypoints
 
     path, frame = _parted(text)
     files = () if clip_path is None else [file.name for file in clip_files(clip_path)]
-    return read_keypoints(path, files).queries(frame)
+    keypoints = read_keypoints(path, files)
+    if keypoints.size not in (None, (model.height, model.width)):
+        height, width = keypoints.size
+        raise QueryError(
+            f"{path} is of images of {width}x{height} but the clip is {model.width}x{model.height}; give keypoints "
+            "that were drawn on this clip"
+        )
+    return keypoints.queries(frame)
 
 
 def _parted(text: str) -> tuple[Path, int | None]:

@@ -97,7 +97,7 @@ def read_queries(path: str | Path) -> npt.NDArray[np.float64]:
             reader = csv.reader(table.lines, delimiter=table.separator, skipinitialspace=True)
             for row in reader:
                 if row:
-                    values.extend(_numbers(row, places, f"{path}, line {reader.line_num + 1}", table))
+                    values.extend(_numbers(row, places, f"{path}, line {table.header_line + reader.line_num}", table))
     except OSError as error:
         raise QueryError(f"{path} cannot be read ({error.strerror}); give a csv file with the header t,x,y") from error
     except (UnicodeError, csv.Error) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import struct
 import subprocess
@@ -15,7 +16,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from clip_files import flat_frames, write_images, write_streams, write_video
+from clip_files import (
+    flat_frames,
+    shown_by_exif,
+    turned_jpeg,
+    write_images,
+    write_jpegs,
+    write_streams,
+    write_video,
+)
 from decomotion.clip import read_clip
 from decomotion.errors import ClipError
 
@@ -50,6 +59,12 @@ class TestVideo:
     def test_not_a_video(self, tmp_path: Path):
         (tmp_path / "film.mp4").write_bytes(b"not a film at all" * 20)
         with pytest.raises(ClipError, match=r"film\.mp4 does not decode as a video"):
+            read_clip(tmp_path / "film.mp4")
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+    def test_a_pipe_is_not_waited_for(self, tmp_path: Path):
+        os.mkfifo(tmp_path / "film.mp4")
+        with pytest.raises(ClipError, match=r"film.mp4 is a pipe or a device, and a clip is read more than once"):
             read_clip(tmp_path / "film.mp4")
 
     def test_one_image_is_one_frame(self, tmp_path: Path):
@@ -122,6 +137,22 @@ class TestOrientation:
         expected = np.frombuffer(shown, np.uint8).reshape(clip.frames.shape)
         # ffmpeg turns before it makes RGB of what has half the resolution in colour
         assert np.abs(np.asarray(clip.frames).astype(int) - expected).mean() < 3
+
+    @pytest.mark.parametrize("orientation", [1, 5, 6])
+    @pytest.mark.parametrize("suffix", [".avi", ".mov", ".mkv"])
+    def test_cameras_of_jpegs_write_exif(self, orientation: int, suffix: str, tmp_path: Path):
+        frames = corner_frames()
+        files = [turned_jpeg(frame, orientation) for frame in frames]
+        clip = read_clip(write_jpegs(tmp_path / f"film{suffix}", files, frames.shape[1:3]))
+        turned = av.library_versions["libavcodec"] >= (62,)  # from where on FFmpeg does
+        expected = [shown_by_exif(frame, orientation if turned else 1) for frame in frames]
+        assert clip.frames.shape == np.shape(expected)
+        assert np.abs(np.asarray(clip.frames).astype(int) - expected).mean() < 3  # half the resolution in colour
+
+    def test_one_photo_is_one_frame(self, tmp_path: Path):
+        (photo := tmp_path / "photo.jpg").write_bytes(turned_jpeg(corner_frames()[0], 6))
+        with pytest.raises(ClipError, match=r"photo.jpg has one frame"):
+            read_clip(photo)
 
     @pytest.mark.parametrize(("name", "expected"), [("as stored", 4 / 3), ("upside down", 4 / 3), ("transposed", 0.75)])
     def test_pixels_turn_with_the_frame(

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from docs_pages import shown_commands, unknown_options
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "research" not in p.parts)]
@@ -55,6 +57,25 @@ def test_a_page_says_what_is(page: Path):
     text = prose(page)
     assert HISTORY.findall(text) == []
     assert re.findall(r"\bcommit `?[0-9a-f]{7,}", text) == []
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=named)
+def test_commands_that_are_shown_have_these_options(page: Path):
+    assert [each for line in shown_commands(page) for each in unknown_options(line)] == []
+
+
+def test_an_option_that_a_command_lacks_is_seen():
+    line = "for f in a; do decomo-sample a --size 3 --seeds 4; done"
+    assert list(unknown_options(line)) == ["decomo-sample --seeds"]
+    assert list(unknown_options("decomo-trane clip --steps 3")) == ["decomo-trane"]
+    line = "python benchmarks/preparation.py CLIP --frames 3 --sizes 3x3 && decomo-track m.onnx --grids=3@0"
+    assert list(unknown_options(line)) == ["benchmarks/preparation.py --sizes", "decomo-track --grids=3@0"]
+
+
+def test_commands_are_found_in_blocks_and_sentences(tmp_path: Path):
+    page = tmp_path / "page.md"
+    page.write_text("Give `decomo-track m.onnx\n--grid 3@0` or `--grid`.\n```sh\na \\\n  b\n```\n```text\nc\n```\n")
+    assert shown_commands(page) == ["a    b", "decomo-track m.onnx --grid 3@0"]
 
 
 def sentences(page: Path) -> list[str]:

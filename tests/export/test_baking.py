@@ -10,6 +10,7 @@ import torch
 from decomo_export import baking
 from decomo_export.baking import BakedSurfaces
 from decomo_export.frame import FrameModel
+from decomo_export.frozen_rays import Hit
 from decomotion.model.fusion import DecoMotion
 from tiny_fit import randomised, tiny_model
 
@@ -61,3 +62,17 @@ def test_operators_run_in_one_thread_meanwhile(fails: bool, model: DecoMotion, m
         BakedSurfaces(model, canonical=False)
     assert set(threads) == {1}
     assert torch.get_num_threads() == 2
+
+
+def test_a_depth_beyond_the_range_is_its_end_and_stays_with_its_owner(
+    model: DecoMotion, monkeypatch: pytest.MonkeyPatch
+):
+    """A code that does not fit into 16 bits would wrap around, to the other volume."""
+    depths = torch.linspace(-0.1, 2.1, 18 * 30)
+    is_static = torch.arange(18 * 30) % 2 == 0
+    monkeypatch.setattr(FrameModel, "hit", lambda self, xy: Hit(depths[None], is_static))
+    codes = BakedSurfaces(model, canonical=False).codes[:, :, 3, 0].flatten()
+    assert torch.equal(codes >= 0, is_static)
+    assert codes[is_static][[0, -1]].tolist() == [0, 32767]
+    assert codes[~is_static][[0, -1]].tolist() == [-1, -32768]
+    assert codes[~is_static].diff().max() <= 0

@@ -36,6 +36,35 @@ def test_float16_weights_of_a_fully_baked_model(canonical: Export):
     assert np.isfinite(Tracker(canonical.path).track([(0, 3, 4)]).xy).all()
 
 
+def test_float16_is_for_constants_from_4_kib_on_but_not_for_what_positions_are_proportional_to():
+    """A position needs more than eleven bits."""
+    floats = {"bias": 1023, "weight": 1024, "static.to_first": 1024, "static.from_first": 1024, "lowest": 1024}
+    arrays = {name: np.linspace(0, 1, count, dtype=np.float32) for name, count in floats.items()}
+    arrays["step"] = np.ones(1024, np.float32)
+    whole_numbers = onnx.numpy_helper.from_array(np.arange(2048), "codes")
+    graph = onnx.helper.make_graph(
+        [
+            onnx.helper.make_node("Concat", ["x", *arrays], ["y"], axis=0),
+            onnx.helper.make_node("Identity", ["codes"], ["z"]),
+        ],
+        "constants",
+        [onnx.helper.make_tensor_value_info("x", TensorProto.FLOAT, ["N"])],
+        [
+            onnx.helper.make_tensor_value_info("y", TensorProto.FLOAT, ["M"]),
+            onnx.helper.make_tensor_value_info("z", TensorProto.INT64, [2048]),
+        ],
+        [*(onnx.numpy_helper.from_array(array, name) for name, array in arrays.items()), whole_numbers],
+    )
+    proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
+    reduced = reduce_precision(proto, "fp16")
+    stored = {tensor.name: tensor.data_type for tensor in reduced.graph.initializer}
+    assert [name for name, kind in stored.items() if kind == TensorProto.FLOAT16] == ["weight_fp16"]
+    assert stored["codes"] == TensorProto.INT64
+    given = ort.InferenceSession(reduced.SerializeToString()).run(["y"], {"x": np.zeros(2, np.float32)})[0]
+    arrays["weight"] = arrays["weight"].astype(np.float16).astype(np.float32)
+    np.testing.assert_array_equal(given, np.concatenate([np.zeros(2, np.float32), *arrays.values()]))
+
+
 def test_a_large_deviation_is_refused_but_not_by_force(fitted: Export, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(exporter, "trace", lambda graph: fitted.proto())
     monkeypatch.setattr(exporter, "_on_demand", lambda whole: whole)
@@ -143,19 +172,25 @@ def test_deviation_of_a_graph_from_itself(fitted: Export):
 
 def test_deviation_is_measured_in_bounded_memory(fitted: Export, canonical: Export, monkeypatch: pytest.MonkeyPatch):
     both = fitted.proto(), canonical.proto()
-    whole, asked = deviation(*both, 8, 40, 28, 2048), []
+    whole, asked, queries = deviation(*both, 8, 40, 28, 2048), [], []
 
     def opened(proto: onnx.ModelProto) -> SimpleNamespace:
         session = open_session(proto)
 
         def run(names: list[str], feed: dict[str, np.ndarray]) -> object:
             asked.append(len(feed[contract.FRAMES]))
+            queries.append(feed[contract.QUERIES])
             return session.run(names, feed)
 
         return SimpleNamespace(run=run)
 
     monkeypatch.setattr(precision, "open_session", opened)
-    monkeypatch.setattr(precision, "MEMORY", 3 * precision.QUERIES * 2048)
-    parts = deviation(*both, 8, 40, 28, 2048)
+    parts = deviation(*both, 8, 40, 28, 349_525)  # three times 256 of these are 256 MiB
     assert asked == [3, 3, 2] * 2
     assert (parts.mean, parts.p99) == pytest.approx((whole.mean, whole.p99), rel=1e-3)
+    assert all(np.array_equal(each, queries[0]) for each in queries)  # the same of both graphs
+    t, x, y = queries[0].T
+    assert sorted(set(t)) == list(range(8))
+    for place, side in ((x, 40), (y, 28)):  # 256 of them reach all borders
+        assert -0.5 <= place.min() < 0.5
+        assert side - 1.5 < place.max() <= side - 0.5

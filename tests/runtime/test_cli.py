@@ -66,7 +66,7 @@ def test_grid_with_overlay(model_path: Path, clip_path: Path, tmp_path: Path, ca
         stream = container.streams.video[0]
         assert len(list(container.decode(stream))) == 4
         assert (stream.width, stream.height) == (WIDTH * 11, HEIGHT * 11)
-        assert stream.average_rate == 24
+        assert stream.average_rate == 12.5  # the model's; the folder of frames has none
     assert capsys.readouterr().out.splitlines()[1:] == [f"wrote {out}", f"wrote {overlay}"]
 
 
@@ -140,6 +140,23 @@ def test_keypoints_of_images_that_are_named_as_the_clip_s(model_path: Path, clip
     assert Tracks.load(tmp_path / "t.npz").queries.tolist() == [[2, 5.5, 6]]
 
 
+def test_keypoints_on_images_of_another_size(model_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    image = {"id": 1, "file_name": "0.png", "frame_id": 0, "width": WIDTH, "height": HEIGHT}
+    content: dict[str, Any] = {"images": [image], "categories": [{"id": 1, "keypoints": ["nose"]}]}
+    content["annotations"] = [{"image_id": 1, "category_id": 1, "keypoints": [3, 4, 2]}]
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    arguments = [str(model_path), "--points-from", str(tmp_path / "a.json"), "--out", str(tmp_path / "t.csv")]
+    assert main(arguments) == 0
+    image["width"] *= 2
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    (tmp_path / "t.csv").unlink()
+    assert main(arguments) == 2
+    assert (
+        f"a.json is of images of {2 * WIDTH}x{HEIGHT} but the clip is {WIDTH}x{HEIGHT}; give" in capsys.readouterr().err
+    )
+    assert not (tmp_path / "t.csv").exists()
+
+
 @pytest.mark.parametrize("overlay", [[], ["--overlay", "tracks.mp4"]])
 def test_refined_on_the_clip(
     model_path: Path,
@@ -177,7 +194,7 @@ def test_the_overlay_of_a_variable_rate_lasts_as_long_as_the_clip(write_model: C
     noise = np.random.default_rng(0).integers(0, 256, (NUM_FRAMES, HEIGHT, WIDTH, 3), np.uint8)
     clip = tmp_path / "phone.mp4"
     write_video(clip, noise, 30.0, times=times, pixel_aspect=16 / 11)
-    model = write_model({contract.META_TIMES: str(times.tolist())})
+    model = write_model({contract.META_TIMES: str(times.tolist()), contract.META_PIXEL_ASPECT: repr(16 / 11)})
     out, overlay = tmp_path / "tracks.csv", tmp_path / "tracks.mp4"
     arguments = ["--point", "0,3,4", "--frames", "1:6", "--out", out, "--overlay", overlay, "--clip", clip]
     assert main([str(argument) for argument in (model, *arguments)]) == 0

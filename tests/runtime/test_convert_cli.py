@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -70,6 +71,9 @@ def test_size_and_rate_of_a_clip(clip_path: Path, tmp_path: Path):
     source, properties = read_after_effects((tmp_path / "a.txt").read_text())
     assert (source["Source Width"], source["Source Height"], source["Units Per Second"]) == (WIDTH, HEIGHT, 24)
     assert set(next(iter(properties.values())).values()) == {(3.5, 3.5)}
+    replace(tracks, times=np.arange(NUM_FRAMES) / 30).save(tmp_path / "timed.csv")  # a folder has no rate of its own
+    assert run(tmp_path / "timed.csv", tmp_path / "a.txt", "--to", "after-effects", "--clip", clip_path) == 0
+    assert read_after_effects((tmp_path / "a.txt").read_text())[0]["Units Per Second"] == 30
     assert run(tmp_path / "a.csv", tmp_path / "a.py", "--clip", clip_path) == 0
     assert f"CLIP = {str(clip_path / '0.png')!r}\n" in (tmp_path / "a.py").read_text()
 

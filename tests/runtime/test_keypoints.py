@@ -207,6 +207,15 @@ def test_frames_of_coco_by_the_clip_s_files_or_their_numbers(tmp_path: Path):
     np.testing.assert_array_equal(read_keypoints(from_0).frames, [0, 12])
 
 
+def test_coco_says_the_size_of_its_images(tmp_path: Path):
+    content = coco()
+    content["images"][0] |= {"width": 640, "height": 360}
+    assert read_keypoints(written(tmp_path, content, "a.json")).size == (360, 640)
+    content["images"][1] |= {"width": 360, "height": 640}
+    with pytest.raises(QueryError, match=r"a\.json has images of 640x360 and 360x640, which are not of one clip"):
+        read_keypoints(written(tmp_path, content, "a.json"))
+
+
 def test_several_objects_of_coco(tmp_path: Path):
     both = coco()
     for annotation in both["annotations"]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,8 @@ def test_bad_point(text: str):
         "t\tx\ty\n0\t1.5\t2\n3\t4\t5\n",
         "t\ty\tx\tname\n0\t2\t1,5\tleft, below\n3\t5\t4\t\n",
         '"t";"x";"y";"name"\n0;1,5;2;"a;b"\n3;4;5;"c"\n',
+        "sep=;\r\nt;x;y\r\n0;1,5;2\r\n3;4;5\r\n",
+        "\ufeffsep=,\nname;s,t,x,y\n;;;;;,0,1.5,2\n;,3,4,5\n",
     ],
 )
 def test_csv(tmp_path: Path, text: str):
@@ -118,6 +121,17 @@ def test_csv_in_any_encoding(tmp_path: Path, encoding: str):
     path = tmp_path / "q.csv"
     path.write_text("name,t,x,y\nFüße,0,1.5,2\nHände,3,4,5\n", encoding=encoding)
     np.testing.assert_array_equal(read_queries(path), [[0, 1.5, 2], [3, 4, 5]])
+
+
+@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="the system does not name open files")
+def test_csv_from_a_pipe():
+    reading, writing = os.pipe()
+    os.write(writing, b"t;x;y\n0;1,5;2\n")
+    os.close(writing)
+    try:
+        np.testing.assert_array_equal(read_queries(f"/dev/fd/{reading}"), [[0, 1.5, 2]])
+    finally:
+        os.close(reading)
 
 
 def test_csv_without_points(tmp_path: Path):
@@ -138,6 +152,7 @@ def test_csv_without_points(tmp_path: Path):
         (b"t,x,y\n\xff\xfe,1,2\n", r"line 2 \(.*,1,2\) must give numbers"),
         (b"t;x;y\n0;1,000,5;2\n", r"line 2 \(0;1,000,5;2\) must give numbers"),
         (b"t,x,y\n0,1;5,2\n", r"line 2 \(0,1;5,2\) must give numbers"),
+        (b"sep=;\nt;x;y\n0;one;2\n", r"line 3 \(0;one;2\) must give numbers"),
         (b"t|x|y\n0|1|2\n", "must begin with the header t,x,y"),
         ("t,x,y\n0,1,2\n".encode("utf-16-le"), "is not a text file; give a csv file in UTF-8"),
         (b"\xff\xfet", "is not a text file"),

@@ -50,6 +50,28 @@ def test_a_jpeg_s_ringing_is_no_mask(tmp_path: Path):
     assert (x.min(), x.max(), y.min(), y.max()) == (11, 30, 10, 19)
 
 
+def test_a_cut_out_is_where_it_is_not_transparent(tmp_path: Path):
+    image = np.full((HEIGHT, WIDTH, 4), 200, np.uint8)  # as programs keep the colours beneath
+    image[10, 11, :3] = 0  # of the object, and black
+    image[..., 3] = 0
+    image[10:12, 11:14, 3] = 255
+    cv2.imwrite(str(tmp_path / "m.png"), image)
+    queries = mask_queries(f"{tmp_path / 'm.png'}@0", 1.0, MODEL)
+    assert queries[:, 1:].tolist() == [[x, y] for y in (10, 11) for x in (11, 12, 13)]
+    image[..., 3] = 0
+    cv2.imwrite(str(tmp_path / "m.png"), image)
+    with pytest.raises(QueryError, match="is black"):
+        mask_queries(f"{tmp_path / 'm.png'}@0", 1.0, MODEL)
+
+
+def test_an_opaque_mask_is_where_it_is_not_black(tmp_path: Path):
+    image = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    image[..., 3] = 255
+    image[10, 11, 1] = 9
+    cv2.imwrite(str(tmp_path / "m.png"), image)
+    assert mask_queries(f"{tmp_path / 'm.png'}@0", 1.0, MODEL).tolist() == [[0, 11, 10]]
+
+
 def test_spacing_from_the_middle_of_the_region():
     """Of columns 10 to 19 and rows 4 to 6, points 4 apart: 10.5, 14.5 and 18.5 have 0.5 beyond on either side."""
     mask = np.zeros((HEIGHT, WIDTH), bool)

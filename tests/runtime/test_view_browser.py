@@ -18,6 +18,7 @@ import pytest
 
 from decomo_runtime import Tracker, Tracks, contract, convert
 from decomo_runtime.cli import main as track_main
+from decomo_runtime.convert_cli import main as convert_main
 from decomo_runtime.view.cli import main as view_main
 from decomo_runtime.view.site import write_site
 from decomotion.quality import Figures, Quality
@@ -220,7 +221,24 @@ def test_csv_feeds_decomo_track(view: ViewPage, model: Path, tmp_path: Path):
     np.testing.assert_allclose(of_page, of_command, atol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["points.csv", "project.json", "tracks.npz"])
+@pytest.mark.parametrize("kind", ["tracks.csv", "tracks.npz", "project.json"])
+def test_saved_tracks_say_how_far_off_they_may_be(kind: str, view: ViewPage, model: Path, tmp_path: Path):
+    """As the commands say it; `decomo-convert` hands it on."""
+    view.click(12.25, 7)
+    view.seek(3)
+    view.click(33, 28.5)
+    saved = view.save(kind, tmp_path)
+    of_page = Tracks.load(saved)
+    of_command = Tracker(model).track(of_page.queries).error
+    assert of_command is not None
+    assert of_page.error is not None
+    np.testing.assert_allclose(of_page.error, of_command, atol=1e-3)  # files have four decimals
+    assert of_command.max() > 1
+    assert convert_main([str(saved), str(tmp_path / "converted.npz")]) == 0
+    np.testing.assert_array_equal(Tracks.load(tmp_path / "converted.npz").error, of_page.error)
+
+
+@pytest.mark.parametrize("kind", ["points.csv", "project.json", "tracks.csv", "tracks.npz"])
 def test_saved_points_are_opened_again(kind: str, view: ViewPage, tmp_path: Path):
     view.click(12.25, 7)
     view.seek(3)
@@ -512,7 +530,10 @@ def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_fol
     worst = Tracker(model_folder).quality
     assert worst is not None
     with opened(chromium, tmp_path / "site", model_folder) as view:
-        said = view.page.locator("#quality")
+        said, line = view.page.locator("#quality p"), view.page.locator("#quality summary")
+        expect(line).to_have_text("The fit falls short of its links.")
+        expect(said).to_be_hidden()
+        line.click()
         expect(said).to_contain_text(f"In the worst window, {worst.summary()}. The fit falls short of its links")
         expect(said).to_contain_text("; fit for longer with decomo-train --resume.")
         alone = write_tiny_model(
@@ -524,6 +545,7 @@ def test_the_page_says_how_good_the_worst_window_is(chromium: Browser, model_fol
         )
         view.open(alone)
         expect(said).to_have_text(f"H{quality(0.5).summary()[1:]}.")
+        expect(line).to_have_text("How good the fit is")
         view.open(write_tiny_model(tmp_path / "mute.onnx", num_frames=3, height=8, width=10))
         expect(said).to_be_hidden()
 

@@ -132,12 +132,16 @@ def test_a_point_that_has_left_the_picture_is_placed_with_a_click(view: ViewPage
     view.stage.click(position={"x": across, "y": down})
     ((_, _, _, *target),) = corrections(view, tmp_path)
     np.testing.assert_allclose(np.array(target, float), (5, 30, 10), atol=0.1)
+    expect(view.page.locator("#status")).to_contain_text(" is at (30, 10) in frame 5.")
     view.click(12, 30)  # a click is a click again
     view.page.locator("#place").focus()
     for key in ("Enter", "Escape", "Enter"):
         view.page.keyboard.press(key)  # taken hold of, given up: Enter places a new point, where the cross is
     expect(view.rows).to_have_count(3)
     expect(view.page.locator("#corrections li")).to_have_count(1)
+    view.page.locator("#place").click()
+    view.page.keyboard.press("Escape")
+    expect(view.page.locator("#status")).to_be_empty()
 
 
 def test_hidden_and_in_sight_are_marked(view: ViewPage, tmp_path: Path):

@@ -308,6 +308,8 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     view.page.locator("#new-mask").click()
     choose(view, "box")
     view.drag((9.5, 7.5), (29.5, 27.5))
+    for field in ("#draw-colour-field", "#draw-on-field"):  # a mask has its own colour
+        expect(view.page.locator(field)).to_be_hidden()
     view.seek(4)
     colour = view.page.locator("#drawings input[type=color]").input_value()
     tinted = tuple(0.55 * int(colour[at : at + 2], 16) + 0.45 * GREY for at in (1, 3, 5))
@@ -353,6 +355,58 @@ def test_a_mask_is_loaded_with_the_numbers_of_its_objects(view: ViewPage, tmp_pa
     expect(layers(view)).to_have_count(2)
     zipped = in_zip(view.save("masks.zip", tmp_path))
     np.testing.assert_array_equal(decoded(zipped["00002.png"]), labels)
+
+
+def test_a_mask_is_loaded_over_the_frame_that_its_name_tells(view: ViewPage, tmp_path: Path):
+    labels = np.zeros((HEIGHT, WIDTH), np.uint8)
+    labels[4:14, 6:20] = 1
+    _, content = cv2.imencode(".png", labels)
+    dialog, frames = view.page.locator("#mask-frame"), layers(view).locator(".go")
+
+    def load(name: str) -> None:
+        (tmp_path / name).write_bytes(content.tobytes())
+        with view.page.expect_file_chooser() as chooser:
+            view.page.locator("#load-mask").click()
+        chooser.value.set_files(str(tmp_path / name))
+
+    def undo() -> None:
+        view.page.locator("#undo").click()
+        expect(layers(view)).to_have_count(0)
+
+    view.seek(2)
+    load(f"cat@{NUM_FRAMES}.png")
+    view.expect_alert(f"cat@{NUM_FRAMES}.png is of frame {NUM_FRAMES}, as its name says, but the clip has")
+    load("cat@5.png")
+    expect(frames).to_have_text("frame 5")
+    view.expect_frame(5)
+    expect(view.page.locator("#status")).to_have_text("cat@5.png: a mask over frame 5.")
+    undo()
+    load("00005.png")  # the frame shown
+    expect(frames).to_have_text("frame 5")
+    undo()
+    for answer, frame in (("Frame 3, by its name", 3), ("Frame 5, shown now", 5)):
+        view.seek(5)
+        load("00003.png")
+        dialog.get_by_text(answer).click()
+        expect(frames).to_have_text(f"frame {frame}")
+        view.expect_frame(frame)
+        undo()
+    load("cat@5.png")
+    load("cat@5.png")
+    expect(view.page.locator("#status")).to_contain_text("in place of what was drawn there of Object 1; Undo")
+    view.page.locator("#undo").click()
+    expect(frames).to_have_text("frame 5")
+    undo()
+    load("00003.png")
+    expect(dialog).to_be_visible()
+    view.page.keyboard.press("Escape")
+    expect(dialog).to_be_hidden()
+    expect(layers(view)).to_have_count(0)
+    view.page.locator("#play").click()
+    load("mask.png")  # the picture stands still meanwhile
+    expect(view.page.locator("#play")).to_have_attribute("aria-pressed", "false")
+    shown = view.page.locator("#scrub").input_value()
+    expect(frames).to_have_text(f"frame {shown}")
 
 
 def test_drawn_by_keyboard_alone(view: ViewPage):

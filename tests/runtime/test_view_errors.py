@@ -85,7 +85,7 @@ def test_tracks_are_coloured_by_what_the_runtime_says(view: ViewPage, model: Pat
         shown.append(colour_of(told.error[0, frame]))
         expect_colour(view, x, y, shown[-1])
         expect(view.page.locator("#error-said")).to_contain_text(
-            f"frame {frame}: {float(f'{told.error[0, frame]:.2g}'):g} px"
+            f"frame {frame}: within {float(f'{told.error[0, frame]:.2g}'):g} px"
         )
     assert np.abs(shown[1] - shown[4]).max() > 40
     view.seek(5)

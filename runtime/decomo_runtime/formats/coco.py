@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,8 +90,9 @@ def read_keypoints(path: Path, files: Sequence[str] = (), first: int | None = No
             if any(each.get("keypoints", ())) and each["image_id"] in images and not each.get("iscrowd")
         ]
         labels = {each["id"]: _labels(each) for each in content["categories"]}
-        frames = frames_of(path, [images[each["image_id"]] for each in annotations], files, first)
-        return _keypoints(path, annotations, labels, frames)
+        drawn_on = [images[each["image_id"]] for each in annotations]
+        frames = frames_of(path, drawn_on, files, first)
+        return replace(_keypoints(path, annotations, labels, frames), size=_size(path, drawn_on))
     except QueryError:
         raise
     except OSError as error:
@@ -99,6 +101,15 @@ def read_keypoints(path: Path, files: Sequence[str] = (), first: int | None = No
         raise QueryError(
             f"{path} does not hold COCO keypoints ({type(error).__name__}: {error}); give another"
         ) from error
+
+
+def _size(path: Path, images: Sequence[dict[str, Any]]) -> tuple[int, int] | None:
+    """(height, width) of the images where they say it; `QueryError` where they are of several sizes."""
+    sizes = {(int(each["height"]), int(each["width"])) for each in images if each.get("height") and each.get("width")}
+    if len(sizes) > 1:
+        named = " and ".join(f"{width}x{height}" for height, width in sorted(sizes)[:2])
+        raise QueryError(f"{path} has images of {named}, which are not of one clip; give those of one")
+    return next(iter(sizes), None)
 
 
 def _labels(category: dict[str, Any]) -> tuple[str, list[str]]:
@@ -159,7 +170,7 @@ def _objects(
     frames: Sequence[int],
 ) -> list[str]:
     """The object that each annotation is of, by its category and its track, or number, where one image has them all."""
-    tracks = [each.get("track_id", each.get("attributes", {}).get("track_id")) for each in annotations]
+    tracks = [each.get("track_id", (each.get("attributes") or {}).get("track_id")) for each in annotations]
     told = list(zip([each["category_id"] for each in annotations], tracks, frames, strict=True))
     if len(set(told)) == len(told):
         numbers = tracks

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from decomo_runtime.errors import TracksFileError
 from decomo_runtime.formats.about import About
-from decomo_runtime.formats.registry import format_of, read
+from decomo_runtime.formats.registry import format_of, rate_of, read
 from decomo_runtime.tracks import Tracks
-from decomotion.clip import read_clip
+from decomotion.clip import clip_part, read_clip
 
 
 def convert(
@@ -34,18 +34,19 @@ def convert(
         raise TracksFileError(f"fps must be a number above 0, got {fps}")
     found, about = read(Path(tracks))
     if clip is not None:
-        about = _with_clip(about, Path(clip))
+        about = _with_clip(about, Path(clip), rate_of(found))
     about = replace(about, size=size or about.size, fps=fps or about.fps, first_frame=first_frame)
     wanted.write(found, Path(out), about)
     return found
 
 
-def _with_clip(about: About, path: Path) -> About:
+def _with_clip(about: About, path: Path, rate: float | None) -> About:
     clip = read_clip(path)
+    rated = not clip_part(path)[0].is_dir()  # a folder of frames is only taken to have one
     return replace(
         about,
         size=(clip.height, clip.width),
-        fps=clip.fps,
+        fps=clip.fps if rated else about.fps or rate or clip.fps,
         length=len(clip),
         pixel_aspect=clip.pixel_aspect,
         name=clip.name,

@@ -25,6 +25,8 @@ class Keypoints:
     """[N, M, 2], (x, y) in pixels, pixel centres at whole numbers; NaN where there is none."""
     score: npt.NDArray[np.float64]
     """[N, M], from 0 (hidden, or not there) to 1 (labelled in sight)."""
+    size: tuple[int, int] | None = None
+    """(height, width) of the images, where the file says it."""
 
     def queries(self, frame: int | None = None, least: float = SURE) -> tuple[npt.NDArray[np.float64], tuple[str, ...]]:
         """Rows (t, x, y) [K, 3], and names [K], of the points whose score is `least` or more, in the order of `names`.

@@ -94,6 +94,8 @@ class TracksFormat:
             ) from error
 
 
+MICROSECOND = 1e-6
+"""To which a csv rounds times."""
 FORMATS = (
     TracksFormat("npz", "npz", (".npz",), "arrays for numpy", reads=True),
     TracksFormat("csv", "csv", (".csv",), "a table, a line for each point and frame", reads=True),
@@ -178,16 +180,23 @@ def _completed(about: About, tracks: Tracks) -> About:
             f"the tracks reach frame {tracks.frames.max()} but the clip has {about.length} frames, from 0; "
             f"give the clip that they are of"
         )
-    return replace(about, size=about.size or tracks.size, fps=about.fps or _rate(tracks))
+    return replace(about, size=about.size or tracks.size, fps=about.fps or rate_of(tracks))
 
 
-def _rate(tracks: Tracks) -> float | None:
-    """Frames a second, by the times of the first and the last column; None where there are no two."""
+def rate_of(tracks: Tracks) -> float | None:
+    """Frames a second, by the times of the first and the last column; None where there are no two.
+
+    Of rates that say these times to a microsecond, as a csv has them, it is the plainest: 30, 30000 / 1001, 29.97.
+    """
     if tracks.times is None or len(tracks.frames) < 2:
         return None
     frames = int(tracks.frames[-1] - tracks.frames[0])
     seconds = float(tracks.times[-1] - tracks.times[0])
-    return frames / seconds if frames * seconds > 0 else None
+    if frames * seconds <= 0:
+        return None
+    rate = frames / seconds
+    plain = (round(rate), round(rate * 1.001) / 1.001, *(round(rate, digits) for digits in range(1, 7)))
+    return next((each for each in plain if each and abs(frames / each - seconds) <= 1.01 * MICROSECOND), rate)
 
 
 def _names(formats: tuple[TracksFormat, ...] | list[TracksFormat]) -> str:

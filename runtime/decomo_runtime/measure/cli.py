@@ -210,9 +210,9 @@ def _write_motion(
     with replacing(out) as temporary:
         TABLES[out.suffix.lower()](measured, temporary, tracker.pixel_aspect)
     if shown is not None and clip is not None and colours is not None:
-        times = clip.times[motion.tracks.frames]
+        times = tracker.times[motion.tracks.frames]
         drawn = _drawn_points(motion, colours, tracker, clip, apart)
-        write_video(shown[0], drawn, clip.fps, times=times, pixel_aspect=clip.pixel_aspect)
+        write_video(shown[0], drawn, tracker.fps, times=times, pixel_aspect=tracker.pixel_aspect)
     length = len(motion.times)
     kind = f"a region of {number} points" if asked.is_region else f"{number} point{'s' * (number != 1)}"
     return f"{kind} in {length} frame{'s' * (length != 1)}, {motion.hidden.mean():.0%} occluded"
@@ -274,8 +274,8 @@ def _write_maps(
         maps = written(stack.enter_context(new_folder(out)))
         if shown is not None and clip is not None and colours is not None:
             drawn = _drawn_maps(maps, colours, tracker, clip)
-            times = clip.times[numbers]
-            write_video(shown[0], drawn, clip.fps, times=times, pixel_aspect=clip.pixel_aspect)
+            times = tracker.times[numbers]
+            write_video(shown[0], drawn, tracker.fps, times=times, pixel_aspect=tracker.pixel_aspect)
         else:
             for _ in maps:
                 pass

@@ -66,7 +66,8 @@ export class App {
     const events = { onSelect: (id: number) => this.select(id), onSeek: (frame: number) => this.player.seek(frame) };
     this.rows = new PointRows(view.list, this.document, events);
     this.correctionRows = new CorrectionRows(view.corrections, this.document, events);
-    this.drawingRows = new DrawingRows(view.drawings, this.document, this.sketch, (frame) => this.player.seek(frame));
+    const seek = (frame: number): void => this.player.seek(frame);
+    this.drawingRows = new DrawingRows(view.drawings, this.document, this.sketch, seek, () => view.drawOn(this));
   }
 
   get model(): Model | undefined {
@@ -154,6 +155,7 @@ export class App {
     if (point === undefined) return;
     this.select(id);
     await this.following.correct(point, place, t);
+    this.view.status(`${point.name} is at (${place.x}, ${place.y}) in frame ${t}.`);
     await this.comparison.complete();
   }
 
@@ -174,6 +176,7 @@ export class App {
     if (point === undefined) return;
     this.pauseAt(this.pictures.nearest(this.player.frame)); // it may stand in for another
     this.following.mark(point, this.player.frame, hidden);
+    this.view.status(`${point.name} is ${hidden ? "hidden" : "in sight"} in frame ${this.player.frame}.`);
   }
 
   /** Marks the selected point as what it is not shown as. */

@@ -30,7 +30,12 @@ export interface Wanted {
   readonly anchors: readonly number[];
   /** Whether it matters what is an object's. */
   readonly owners: boolean;
+  /** Of the anchors those of which that must be known whatever frame is shown: masks were drawn on them. */
+  readonly taught: readonly number[];
 }
+
+/** Nothing but whose the pixels are. */
+const SHARES: Wanted = { anchors: [], owners: true, taught: [] };
 
 interface Answer<T> {
   readonly level: number;
@@ -50,7 +55,7 @@ export function gridOf({ width, height }: Size, level: number): Grid {
 
 export class Carrier {
   private readonly frames = new Map<number, OfFrame>();
-  private wanted: Wanted = { anchors: [], owners: false };
+  private wanted: Wanted = { anchors: [], owners: false, taught: [] };
   private shown = 0;
   private running = false;
   private closed = false;
@@ -86,6 +91,7 @@ export class Carrier {
 
   /** Waits until all that is `wanted` of `frame` is known as finely as it ever is. */
   async wait(frame: number, wanted: Wanted): Promise<void> {
+    for (const t of wanted.taught) await this.ask(t, AHEAD_LEVEL, SHARES, () => true);
     await this.ask(frame, FINEST, wanted, () => true);
   }
 
@@ -97,9 +103,9 @@ export class Carrier {
     this.running = true;
     try {
       for (let work = this.next(); work !== undefined && !this.closed; work = this.next()) {
-        const { frame, level } = work;
+        const { frame, level, what } = work;
         const { shown, wanted } = this;
-        await this.ask(frame, level, wanted, () => this.wanted === wanted && (level === 0 || this.shown === shown));
+        await this.ask(frame, level, what, () => this.wanted === wanted && (level === 0 || this.shown === shown));
       }
     } catch (error) {
       if (!this.closed) this.onError(error);
@@ -110,21 +116,22 @@ export class Carrier {
   }
 
   /**
-   * The frame shown, and coarsely the few after it, which playing waits for; then that frame to the finest level, and all
-   * after it, as many as are kept, up to `AHEAD_LEVEL`.
+   * The frame shown, and coarsely the few after it, which playing waits for; then what masks were drawn on, that frame to
+   * the finest level, and all after it, as many as are kept, up to `AHEAD_LEVEL`.
    */
-  private next(): { frame: number; level: number } | undefined {
-    const { numFrames } = this.facts;
+  private next(): { frame: number; level: number; what: Wanted } | undefined {
+    const { facts: { numFrames }, wanted: what } = this;
     for (let ahead = 0; ahead < Math.min(numFrames, PLAYED); ahead++) {
       const frame = (this.shown + ahead) % numFrames;
-      if (this.lacks(frame, 0, this.wanted)) return { frame, level: 0 };
+      if (this.lacks(frame, 0, what)) return { frame, level: 0, what };
     }
-    for (const level of SIDES.keys()) if (this.lacks(this.shown, level, this.wanted)) return { frame: this.shown, level };
+    for (const frame of this.wanted.taught) if (this.lacks(frame, AHEAD_LEVEL, SHARES)) return { frame, level: AHEAD_LEVEL, what: SHARES };
+    for (const level of SIDES.keys()) if (this.lacks(this.shown, level, what)) return { frame: this.shown, level, what };
     const room = Math.min(numFrames, this.room());
     for (let level = 0; level <= AHEAD_LEVEL; level++) {
       for (let ahead = 1; ahead < room; ahead++) {
         const frame = (this.shown + ahead) % numFrames;
-        if (this.lacks(frame, level, this.wanted)) return { frame, level };
+        if (this.lacks(frame, level, what)) return { frame, level, what };
       }
     }
     return undefined;
@@ -179,7 +186,7 @@ export class Carrier {
     });
     if (noShares) own.shares = { level, value: shares(grid, still) };
     this.dropOld();
-    if (anchors.length > 0 || noShares) this.onAnswer(frame);
+    if (anchors.length > 0 || noShares) this.onAnswer(wanted === SHARES ? this.shown : frame);
   }
 
   private dropOld(): void {
@@ -189,10 +196,14 @@ export class Carrier {
     for (const [frame, each] of this.frames) {
       if (total * BYTES_PER_NODE <= ROOM_BYTES || this.frames.size <= 2) break;
       if (frame === this.shown) continue;
-      this.frames.delete(frame);
       total -= nodes(each);
+      if (this.wanted.taught.includes(frame)) {
+        each.maps.clear();
+        total += nodes(each);
+      } else this.frames.delete(frame);
     }
   }
 }
 
-const same = (a: Wanted, b: Wanted): boolean => a.owners === b.owners && a.anchors.join() === b.anchors.join();
+const same = (a: Wanted, b: Wanted): boolean =>
+  a.owners === b.owners && a.anchors.join() === b.anchors.join() && a.taught.join() === b.taught.join();

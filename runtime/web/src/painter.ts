@@ -4,6 +4,7 @@ import type { Carrier, Wanted } from "./carrier";
 import { type Drawing, type Mark, drawnFrames } from "./drawings";
 import type { Size } from "./geometry";
 import { areDecoded, blank, drawMarks } from "./marks";
+import { type Looks, looksOf } from "./looks";
 import { sceneMap } from "./scene_map";
 import { removeSpecks } from "./specks";
 import { type CarryMap, type Cel, SAME, type Shares, type Warped, boundsOf, warp } from "./warp";
@@ -37,7 +38,7 @@ interface Sheet {
 interface Kept {
   readonly frame: number;
   readonly maps: readonly (CarryMap | undefined)[];
-  readonly shares: Shares | undefined;
+  readonly shares: readonly (Shares | undefined)[];
   readonly painted: Painted | undefined;
 }
 
@@ -63,7 +64,8 @@ export class Painter {
   static wanted(drawings: readonly Drawing[]): Wanted {
     const shown = drawings.filter(({ shown, marks }) => shown && marks.length > 0);
     const anchors = [...new Set(shown.flatMap(drawnFrames))].sort((a, b) => a - b);
-    return { anchors, owners: shown.some(({ on, kind }) => kind === "paint" && on !== "seen") };
+    const masks = [...new Set(shown.filter(({ kind }) => kind === "mask").flatMap(drawnFrames))];
+    return { anchors, taught: masks, owners: masks.length > 0 || shown.some(({ on }) => on !== "seen") };
   }
 
   /** Whether something can be shown of each layer in `frame`. */
@@ -92,19 +94,21 @@ export class Painter {
   private layer(frame: number, drawing: Drawing, draft: Draft | undefined): Painted | undefined {
     const own = draft?.drawing.id === drawing.id && draft.marks.some(({ t }) => t === frame) ? draft.marks : undefined;
     const { marks, kind } = drawing;
-    const shares = kind === "paint" && drawing.on !== "seen" ? this.carrier.shares(frame) : undefined;
-    const maps = drawnFrames(drawing).map((t) => this.carrier.map(frame, t));
+    const frames = drawnFrames(drawing);
+    const owner = kind === "paint" && drawing.on !== "seen" ? this.carrier.shares(frame) : undefined;
+    const shares = kind === "mask" ? [frame, ...frames].map((t) => this.carrier.shares(t)) : [owner];
+    const maps = frames.map((t) => this.carrier.map(frame, t));
     const kept = this.kept.get(drawing);
-    if (own === undefined && kept?.frame === frame && kept.shares === shares && maps.every((map, index) => map === kept.maps[index])) return kept.painted;
+    if (own === undefined && kept?.frame === frame && same(shares, kept.shares) && same(maps, kept.maps)) return kept.painted;
     const alpha = kind === "mask" ? MASK_ALPHA : 1;
     const atOwn = marks.some(({ t }) => t === frame);
     let painted: Painted | undefined;
-    if (own !== undefined || (atOwn && shares === undefined)) {
+    if (own !== undefined || (atOwn && owner === undefined)) {
       const sheet = this.sheet(marks, frame);
       const canvas = own === undefined && kind === "paint" ? sheet : this.drawnOn(sheet, own ?? [], kind === "mask" ? drawing.colour : undefined);
       painted = { canvas, left: 0, top: 0, scale: this.scale, alpha };
     } else {
-      const owned = shares && { shares, moving: drawing.on === "dynamic" };
+      const owned = owner && { shares: owner, moving: drawing.on === "dynamic" };
       const warped = kind === "mask" ? this.carried(frame, marks, this.scale) : this.warped(frame, marks, this.scale, owned);
       painted = warped && { ...this.onCanvas(warped, kind === "mask" ? drawing.colour : undefined), scale: this.scale, alpha };
     }
@@ -129,15 +133,26 @@ export class Painter {
     return { canvas, left, top };
   }
 
-  /** The marks of a mask. */
+  /** The marks of a mask; where they are not in sight, by its looks, once these are known. */
   private carried(frame: number, marks: readonly Mark[], scale: number): Warped | undefined {
-    const warped = this.warped(frame, marks, scale);
+    const warped = this.warped(frame, marks, scale, undefined, this.looks(frame, marks, scale));
     if (warped !== undefined) removeSpecks(warped.pixels);
     return warped;
   }
 
+  private looks(frame: number, marks: readonly Mark[], scale: number): Looks | undefined {
+    const shares = this.carrier.shares(frame);
+    if (shares === undefined) return undefined;
+    const taught = [...new Set(marks.map(({ t }) => t))].map((t) => {
+      const known = this.carrier.shares(t);
+      return known && { cel: this.celOf(this.sheetOf(marks, t, scale), scale), shares: known };
+    });
+    const all = taught.filter((each) => each !== undefined);
+    return all.length === taught.length ? looksOf(all, shares, this.image) : undefined;
+  }
+
   /** The marks of all frames that were drawn on, the nearest in time first. */
-  private warped(frame: number, marks: readonly Mark[], scale: number, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
+  private warped(frame: number, marks: readonly Mark[], scale: number, owned?: { shares: Shares; moving: boolean }, looks?: Looks): Warped | undefined {
     const frames = [...new Set(marks.map(({ t }) => t))].sort((a, b) => Math.abs(a - frame) - Math.abs(b - frame));
     const sources = frames.flatMap((t) => {
       const seen = this.carrier.map(frame, t);
@@ -145,7 +160,7 @@ export class Painter {
       const map = owned === undefined || owned.moving || seen === SAME ? seen : sceneMap(seen, owned.shares, this.image);
       return [{ map, cel: this.celOf(this.sheetOf(marks, t, scale), scale) }];
     });
-    return warp(sources, this.image, owned);
+    return warp(sources, this.image, owned, looks);
   }
 
   private celOf(sheet: Sheet, scale: number): Cel {
@@ -171,6 +186,9 @@ export class Painter {
     return sheet;
   }
 }
+
+const same = (some: readonly unknown[], others: readonly unknown[]): boolean =>
+  some.length === others.length && some.every((each, index) => each === others[index]);
 
 /** Gives all that is there one colour. */
 function tint(context: OffscreenCanvasRenderingContext2D, colour: string): void {

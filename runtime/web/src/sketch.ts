@@ -123,9 +123,12 @@ export class Sketch {
     this.document.change((content) => ({ ...content, drawings: [...content.drawings, ...added] }));
   }
 
-  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. */
-  addMasks(labels: ArrayLike<number>, t: number): void {
+  /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. Returns how many, and the names of those that were drawn there before. */
+  addMasks(labels: ArrayLike<number>, t: number): { added: number; replaced: string[] } {
     const objects = [...new Set(Array.from(labels))].filter((label) => label > 0).sort((a, b) => a - b);
+    const replaced = this.document.drawings
+      .filter(({ kind, label, marks }) => kind === "mask" && objects.includes(label) && marks.some((mark) => mark.t === t))
+      .map(({ name }) => name);
     this.document.change((content) =>
       objects.reduce((left, label) => {
         const there = left.drawings.find((each) => each.kind === "mask" && each.label === label);
@@ -136,15 +139,17 @@ export class Sketch {
         return marked(cleared, to, [this.pictureOf(alpha, t)]);
       }, content),
     );
+    return { added: objects.length, replaced };
   }
 
   /** A mask that is corrected in a frame begins as it was carried there. */
   private carriedBase(mask: Drawing, t: number): readonly Mark[] {
     if (mask.marks.length === 0 || mask.marks.some((mark) => mark.t === t)) return [];
-    if (this.carrier === undefined || this.painter === undefined || drawnFrames(mask).some((each) => this.carrier?.map(t, each) === undefined)) {
-      throw new InputError(`${mask.name} is still being followed to this frame; draw in a moment.`);
-    }
-    return [this.pictureOf(this.painter.carriedMask(t, mask), t)];
+    const { carrier, painter } = this;
+    const frames = drawnFrames(mask);
+    const isKnown = frames.every((each) => carrier?.map(t, each)) && [t, ...frames].every((each) => carrier?.shares(each));
+    if (painter === undefined || !isKnown) throw new InputError(`${mask.name} is still being followed to this frame; draw in a moment.`);
+    return [this.pictureOf(painter.carriedMask(t, mask), t)];
   }
 
   private pictureOf(alpha: Uint8Array, t: number): Mark {

@@ -7,6 +7,7 @@
  */
 
 import type { Size } from "./geometry";
+import { type Looks, chance } from "./looks";
 
 /** Of the score, about the threshold, over which a pixel fades from in sight to hidden: as `dense_maps.py`. */
 const RAMP = 0.3;
@@ -14,6 +15,8 @@ const RAMP = 0.3;
 const OBJECT_SHARE = { part: 0.25, whole: 0.75 };
 /** Difference of motion between neighbouring nodes, of their distance, from which on an outline is taken to lie between them. */
 const TORN = 0.35;
+/** Steepness of a mask's rim over the chance of a pixel to be the mask's, so that all that is likely is solid. */
+const FIRM = 2.5;
 
 /** Values at the nodes of a grid over the frame, row by row, each in the middle of its cell. */
 export interface Grid {
@@ -32,6 +35,8 @@ export interface CarryMap extends Grid {
 /** How much of each pixel an object has, from 0 to 1. */
 export interface Shares extends Grid {
   readonly share: Float32Array;
+  /** Likewise, of its ray as the model says it. */
+  readonly moving: Float32Array;
 }
 
 /** A canvas's pixels, RGBA, `scale` for each of the frame's, and where any is not transparent. */
@@ -60,7 +65,8 @@ export function carryMap(grid: Grid, queries: Float32Array, tracks: Float32Array
 
 export function shares(grid: Grid, staticConfidence: Float32Array): Shares {
   const { part, whole } = OBJECT_SHARE;
-  return { ...grid, share: staticConfidence.map((still) => unit((1 - still - part) / (whole - part))) };
+  const moving = staticConfidence.map((still) => 1 - still);
+  return { ...grid, moving, share: moving.map((each) => unit((each - part) / (whole - part))) };
 }
 
 /** Where a picture is not transparent; undefined where it is everywhere. */
@@ -94,11 +100,11 @@ export interface Source {
 /**
  * The drawing in a frame of the size `image`, from one source, or from several that draw one thing, the most trusted
  * first: each pixel is of the first that has it in sight. `owned` is by how much a drawing of the objects, or of the scene,
- * is there.
+ * is there. `looks` are those of a mask: what no source has in sight goes by them.
  */
-export function warp(sources: readonly Source[], image: Size, owned?: { shares: Shares; moving: boolean }): Warped | undefined {
+export function warp(sources: readonly Source[], image: Size, owned?: { shares: Shares; moving: boolean }, looks?: Looks): Warped | undefined {
   const scale = sources[0]?.cel.scale ?? 1;
-  const blocks = new Blocks(sources, image, scale);
+  const blocks = new Blocks(sources, image, scale, looks);
   const region = blocks.bounds();
   if (region === undefined) return undefined;
   const { left, top } = region;
@@ -106,6 +112,7 @@ export function warp(sources: readonly Source[], image: Size, owned?: { shares: 
   const pixels = new ImageData(width, height);
   const readers = sources.map(({ cel, map }) => new Reader(cel, map, image));
   const share = owned && new Nodes(owned.shares, image);
+  const odds = looks && new Nodes(looks, image);
   const sum = new Float32Array(4);
   for (let row = 0, at = 0; row < height; row++) {
     const y = (top + row + 0.5) / scale - 0.5;
@@ -117,6 +124,12 @@ export function warp(sources: readonly Source[], image: Size, owned?: { shares: 
       for (const reader of readers) {
         remaining *= 1 - reader.add(x, y, remaining, sum);
         if (remaining < 0.004) break;
+      }
+      if (odds && looks) {
+        odds.go(x, y);
+        const likely = chance((sum[3] ?? 0) + remaining / 2, odds.mean(looks.odds));
+        pixels.data[at + 3] = 255 * unit(0.5 + FIRM * (likely - 0.5)) + 0.5;
+        continue;
       }
       const alpha = sum[3] ?? 0;
       if (alpha < 0.5 / 255) continue;
@@ -149,24 +162,21 @@ class Blocks {
     sources: readonly Source[],
     private readonly image: Size,
     private readonly scale: number,
+    looks?: Looks,
   ) {
     const { width, height } = image;
     this.columns = Math.ceil((width * scale) / BLOCK);
     this.rows = Math.ceil((height * scale) / BLOCK);
     this.wanted = new Uint8Array(this.columns * this.rows);
     for (const { cel, map } of sources) {
-      const { bounds } = cel;
-      if (bounds === undefined) continue;
+      if (cel.bounds === undefined) continue;
       const [across, down] = [width / map.columns, height / map.rows];
-      for (let row = 0, node = 0; row < map.rows; row++) {
-        for (let column = 0; column < map.columns; column++, node++) {
-          const [x, y] = [(column + 0.5) * across, (row + 0.5) * down];
-          const [toX, toY] = [x + (map.flow[2 * node] ?? 0), y + (map.flow[2 * node + 1] ?? 0)];
-          if (!isNear(cel, toX - 2 * across, toY - 2 * down, toX + 2 * across, toY + 2 * down)) continue;
-          this.add((x - 1.5 * across) * scale, (y - 1.5 * down) * scale, (x + 1.5 * across) * scale, (y + 1.5 * down) * scale);
-        }
-      }
+      this.addNodes(map, (x, y, node) => {
+        const [toX, toY] = [x + (map.flow[2 * node] ?? 0), y + (map.flow[2 * node + 1] ?? 0)];
+        return isNear(cel, toX - 2 * across, toY - 2 * down, toX + 2 * across, toY + 2 * down);
+      });
     }
+    if (looks) this.addNodes(looks, (_x, _y, node) => (looks.odds[node] ?? 0) > 0);
   }
 
   has(x: number, y: number): boolean {
@@ -184,6 +194,19 @@ class Blocks {
     });
     const [width, height] = [this.image.width * this.scale, this.image.height * this.scale];
     return right === 0 ? undefined : { left: left * BLOCK, top: top * BLOCK, right: Math.min(width, right * BLOCK), bottom: Math.min(height, bottom * BLOCK) };
+  }
+
+  /** Adds what lies about those nodes of a grid of which `isWanted` is true. */
+  private addNodes({ columns, rows }: Grid, isWanted: (x: number, y: number, node: number) => boolean): void {
+    const { scale } = this;
+    const [across, down] = [this.image.width / columns, this.image.height / rows];
+    for (let row = 0, node = 0; row < rows; row++) {
+      for (let column = 0; column < columns; column++, node++) {
+        const [x, y] = [(column + 0.5) * across, (row + 0.5) * down];
+        if (!isWanted(x, y, node)) continue;
+        this.add((x - 1.5 * across) * scale, (y - 1.5 * down) * scale, (x + 1.5 * across) * scale, (y + 1.5 * down) * scale);
+      }
+    }
   }
 
   private add(left: number, top: number, right: number, bottom: number): void {

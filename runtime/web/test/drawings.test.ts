@@ -2,7 +2,7 @@ import { encode } from "fast-png";
 import { describe, expect, it } from "vitest";
 import { Document } from "../src/document";
 import { type Mark, drawnFrames, marked, redrawn, reordered, withoutDrawing } from "../src/drawings";
-import { labelPng, readLabels } from "../src/files/labels";
+import { frameInName, labelPng, readLabels } from "../src/files/labels";
 
 const mark = (t: number): Mark => ({ kind: "area", t, ink: null, corners: [] });
 const SIZE = { width: 5, height: 3 };
@@ -60,6 +60,14 @@ describe("label images", () => {
   ])("reads palettes of %d bits, several pixels in a byte", (bits, file) => {
     const read = readLabels("m.png", Uint8Array.from(atob(file), (letter) => letter.charCodeAt(0)), SIZE);
     expect([...read]).toEqual(Array.from({ length: 15 }, (_, index) => index % 2 ** bits));
+  });
+
+  it("tells the frame by the name: surely behind an @, perhaps by a number at its end", () => {
+    expect(frameInName("cat@12.png", 30)).toEqual({ t: 12, sure: true });
+    expect(frameInName("00012.png", 30)).toEqual({ t: 12, sure: false });
+    expect(frameInName("frame-7.PNG", 30)).toEqual({ t: 7, sure: false });
+    for (const name of ["12@cat.png", "mask.png", "00030.png", "12"]) expect(frameInName(name, 30)).toBeUndefined();
+    expect(() => frameInName("cat@30.png", 30)).toThrow("cat@30.png is of frame 30, as its name says, but the clip has frames 0 to 29");
   });
 
   it("says what is wrong", () => {

@@ -1,4 +1,5 @@
 import { beforeAll, describe, expect, it } from "vitest";
+import { looksOf } from "../src/looks";
 import { SAME, type CarryMap, type Cel, boundsOf, carryMap, shares, warp } from "../src/warp";
 
 /** What a browser has, and Node has not. */
@@ -95,6 +96,19 @@ describe("moving what is drawn", () => {
     };
     expect(owned(true)).toEqual([255, 128, 0]);
     expect(owned(false)).toEqual([0, 128, 255]);
+  });
+
+  it("goes by a mask's looks where no source has it in sight", () => {
+    const grid = { columns: 30, rows: 20 };
+    /** What moves, 15 pixels wide. */
+    const from = (left: number): Float32Array => Float32Array.from({ length: 600 }, (_, node) => Number((node % 30) * 2 < left || (node % 30) * 2 >= left + 15));
+    const source = { cel: cel(15, 0, 30, 40), map: map(30, 20, (x) => [x >= 39 && x < 54 ? -24 : 0, 0, x < 45 ? 0 : 1]) };
+    const looks = looksOf([{ cel: source.cel, shares: shares(grid, from(15)) }], shares(grid, from(39)), IMAGE);
+    const alphas = (warped: ReturnType<typeof warp>): number[] => [42, 50, 58].map((x) => at(warped, x, 20)[3] ?? 0);
+    expect(alphas(warp([source], IMAGE))).toEqual([255, 0, 0]);
+    const [seen, hidden, beside] = alphas(warp([source], IMAGE, undefined, looks));
+    expect([seen, beside]).toEqual([255, 0]);
+    expect(hidden).toBeGreaterThan(220);
   });
 
   it("stays within the frame", () => {

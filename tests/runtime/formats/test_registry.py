@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomo_runtime import About, TracksFileError
+from decomo_runtime import About, Tracks, TracksFileError
 from decomo_runtime.formats import registry
 from decomo_runtime.formats.keys import plain_names
-from decomo_runtime.formats.registry import FORMATS, TracksFormat, format_of, read
+from decomo_runtime.formats.registry import FORMATS, TracksFormat, format_of, rate_of, read
 from known_tracks import known_tracks
 
 DOCS = Path(__file__).parents[3] / "docs" / "convert.md"
@@ -109,6 +109,22 @@ class TestWhatIsKnown:
             tmp_path / "b.txt", "after-effects", about=About(size=(360, 640), fps=25)
         )
         assert (tmp_path / "a.txt").read_text() == (tmp_path / "b.txt").read_text()
+
+    @pytest.mark.parametrize("rate", [30, 24, 240, 30000 / 1001, 23.976, 12.5, 0.5, 1 / 3])
+    @pytest.mark.parametrize("length", [2, 6, 91, 1000])
+    def test_the_rate_is_plain_though_a_csv_rounds_times(self, rate: float, length: int):
+        for frames in (np.arange(length), 7 + np.arange(0, 2 * length, 2)):
+            xy, occluded = np.zeros((1, length, 2), np.float32), np.zeros((1, length), bool)
+            queries = np.array([[frames[0], 0, 0]], np.float32)
+            tracks = Tracks(
+                xy, occluded, occluded.astype(np.float32), queries, frames, times=np.round(frames / rate, 6)
+            )
+            found = rate_of(tracks)
+            assert found == pytest.approx(rate, rel=2.1e-6 * rate)  # a microsecond of each time
+            if rate in (30, 24, 240, 12.5, 0.5):
+                assert found == rate
+            elif length > 900:
+                assert found == pytest.approx(rate, abs=1e-6)
 
     def test_the_rate_of_every_second_frame(self, tmp_path: Path):
         tracks = known_tracks()

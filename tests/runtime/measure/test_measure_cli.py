@@ -158,6 +158,8 @@ def test_overlays(model: Path, clip: Path, tmp_path: Path, arguments: list[str])
     assert main([str(model), *arguments, *drawn, "--out", str(out)]) == 0
     frames = pictures(video)
     assert len(frames) == 6
+    with av.open(str(video)) as container:
+        assert container.streams.video[0].average_rate == Tracker(model).fps == 12.5  # the folder of frames has none
     assert {frame.shape for frame in frames} == {(40 * 11 + 56, 528, 3)}
     seen, hidden = ((np.ptp(frame[:440].astype(int), axis=-1) > 40).mean() for frame in (frames[1], frames[5]))
     if is_map:

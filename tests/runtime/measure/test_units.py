@@ -13,7 +13,13 @@ from decomo_runtime.measure.units import recorded_times
 
 @pytest.mark.parametrize(
     ("text", "length", "unit"),
-    [("0.12mm/px", 0.12, "mm"), (" 3 µm / px", 3, "µm"), ("1e-3m/px", 1e-3, "m"), (".5in/px", 0.5, "in")],
+    [
+        ("0.12mm/px", 0.12, "mm"),
+        (" 3 µm / px", 3, "µm"),
+        ("3\u03bcm/px", 3, "µm"),
+        ("1e-3m/px", 1e-3, "m"),
+        (".5in/px", 0.5, "in"),
+    ],
 )
 def test_scales(text: str, length: float, unit: str):
     assert Scale.parse(text) == Scale(length, unit)

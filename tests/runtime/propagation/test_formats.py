@@ -216,6 +216,67 @@ def test_a_label_studio_video_counts_from_one(tmp_path: Path):
     assert (item["frame"], item["enabled"]) == (3, False)
 
 
+@pytest.mark.parametrize(
+    ("image", "written_as"),
+    [
+        ("/data/local-files/?d=clips/a/00002.jpg", "/data/local-files/?d=clips/a/00001.jpg"),
+        ("/data/local-files/?d=clips%2Fa%2F00002.jpg&x=1", "/data/local-files/?d=clips%2Fa%2F00001.jpg&x=1"),
+        ("s3://bucket/a/00002.jpg", "s3://bucket/a/00001.jpg"),
+        ("https://host:80/a%20b/00002.jpg?token=3/4", "https://host:80/a%20b/00001.jpg?token=3/4"),
+        ("/data/upload/7/1a2b3c4d-00002.jpg", "/data/upload/7/00001.jpg"),
+        ("00002.jpg", "00001.jpg"),
+    ],
+)
+def test_label_studio_s_images_are_told_by_their_address(image: str, written_as: str, tmp_path: Path):
+    tasks = label_studio()
+    tasks[0]["data"]["image"] = image
+    path = save(tmp_path / "images.json", tasks)
+    assert read(path).frames == [2]
+    top = json.loads((written(path, tmp_path / "out") / "tasks.json").read_text())
+    assert top[1]["data"]["image"] == written_as
+
+
+def test_label_studio_s_results_without_a_place_are_left_alone(tmp_path: Path):
+    tasks = label_studio()
+    tasks[0]["annotations"][0]["result"] += [
+        {"type": "relation", "from_id": "a", "to_id": "b", "direction": "right"},
+        {"type": "rating", "value": {"rating": 3}, "from_name": "quality", "to_name": "image"},
+    ]
+    tasks[0]["annotations"].append({"result": [], "was_cancelled": True})
+    assert len(read(save(tmp_path / "images.json", tasks)).shapes) == 3
+
+
+def test_null_attributes_are_none(tmp_path: Path):
+    content = coco()
+    content["annotations"] = [content["annotations"][0] | {"attributes": None}]
+    assert len(read(save(tmp_path / "coco.json", content)).shapes) == 1
+
+
+def turned_coco() -> dict[str, Any]:
+    content = coco()
+    content["annotations"][2]["attributes"] = {"rotation": 30.0}
+    return content
+
+
+def turned_image() -> list[dict[str, Any]]:
+    tasks = label_studio()
+    tasks[0]["annotations"][0]["result"][0]["image_rotation"] = 90
+    return tasks
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.xml", CVAT.replace('ybr="9"', 'ybr="9" rotation="30.0"')),
+        ("coco.json", turned_coco()),
+        ("images.json", turned_image()),
+    ],
+)
+def test_what_is_turned_is_refused(name: str, content: Any, tmp_path: Path):
+    with pytest.raises(AnnotationError, match=r"turned.*, which is not carried; draw"):
+        read(save(tmp_path / name, content))
+
+
 @pytest.mark.parametrize("bits", [8, 16])
 def test_grey_labels_keep_values_and_depth(bits: int, tmp_path: Path):
     value = 255 if bits == 8 else 40_000
@@ -225,6 +286,14 @@ def test_grey_labels_keep_values_and_depth(bits: int, tmp_path: Path):
     again = cv2.imread(str(folder / "00000.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(again, labels)
     assert again.dtype == labels.dtype
+
+
+def test_what_is_transparent_is_no_object(tmp_path: Path):
+    Image.merge("LA", [Image.new("L", (WIDTH, HEIGHT), 255), Image.fromarray(square_mask(0)).convert("L")]).save(
+        tmp_path / "a.png"
+    )
+    (shape,) = read(tmp_path / "a.png", 0).shapes
+    np.testing.assert_array_equal(shape.mask, square_mask(0))
 
 
 @pytest.mark.parametrize("deep", [2, 8])

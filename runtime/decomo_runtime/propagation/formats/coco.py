@@ -96,7 +96,7 @@ def _frames(path: Path, images: dict[Any, Any], frame: int | None, clip: ClipFac
 
 
 def _keys(path: Path, entries: Sequence[dict[str, Any]]) -> list[Any]:
-    tracks = [each.get("track_id", each.get("attributes", {}).get("track_id")) for each in entries]
+    tracks = [each.get("track_id", _attributes(each).get("track_id")) for each in entries]
     if all(track is not None for track in tracks):
         return [f"{each['category_id']}/{track}" for each, track in zip(entries, tracks, strict=True)]
     alone = [(each["image_id"], each["category_id"]) for each in entries]
@@ -108,6 +108,11 @@ def _keys(path: Path, entries: Sequence[dict[str, Any]]) -> list[Any]:
         f"{path}: an image has several objects of a category and no track_id tells them apart from image to image; "
         "give each annotation a track_id, or a file with one image"
     )
+
+
+def _attributes(entry: dict[str, Any]) -> dict[str, Any]:
+    """What CVAT says of an object beside COCO's own."""
+    return entry.get("attributes") or {}
 
 
 def _shapes(path: Path, entry: dict[str, Any], thing: int, frame: int, clip: ClipFacts) -> list[Shape]:
@@ -123,6 +128,8 @@ def _shapes(path: Path, entry: dict[str, Any], thing: int, frame: int, clip: Cli
         xy = np.where(keypoints[:, 2:] >= HIDDEN, keypoints[:, :2], np.nan)
         shapes.append(asked.points(path, thing, frame, xy, keypoints[:, 2] == HIDDEN, clip))
     elif not drawn:
+        if _attributes(entry).get("rotation"):
+            raise AnnotationError(f"{path} has a box that is turned, which is not carried; draw a polygon")
         left, top, width, height = entry["bbox"]
         corners = np.array([[left, top], [left + width, top + height]]) - 0.5
         shapes.append(asked.box(path, thing, frame, corners, clip))

@@ -82,6 +82,8 @@ def _shape(path: Path, entry: Element, thing: int, frame: int, clip: ClipFacts) 
     if kind == Kind.MASK:
         return asked.masked(path, thing, frame, _decoded(path, entry, clip), clip)
     if kind == Kind.BOX:
+        if float(entry.get("rotation", 0)):
+            raise AnnotationError(f"{path} has a box that is turned, which is not carried; draw a polygon")
         corners = [[float(entry.attrib[x]), float(entry.attrib[y])] for x, y in (("xtl", "ytl"), ("xbr", "ybr"))]
         return asked.box(path, thing, frame, np.array(corners) - 0.5, clip)
     xy = np.array([[float(each) for each in pair.split(",")] for pair in entry.attrib["points"].split(";")]) - 0.5

@@ -1,17 +1,19 @@
 """Label Studio: tasks in JSON; places are percent of the image.
 
 Of images, a task each: `polygonlabels`, `rectanglelabels` and `keypointlabels`; their frame is given, or told by the
-file names of the clip. Of a video: `videorectangle`, whose frames count from 1. The last annotation of a task counts.
-What is written are predictions with a `score`, which Label Studio takes as a start.
+file names of the clip, before which an upload has eight digits of its own. Of a video: `videorectangle`, whose frames
+count from 1. The last annotation of a task counts that was not cancelled; what it says without a place is left alone.
+What is written are predictions with a `score`, which Label Studio takes as a start; images are where the first one is.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -24,6 +26,11 @@ from decomo_runtime.propagation.shapes import Annotation, Kind, Shape, Thing
 FILE = "tasks.json"
 VIDEO = "videorectangle"
 KINDS = {"polygonlabels": Kind.POLYGON, "rectanglelabels": Kind.BOX, "keypointlabels": Kind.POINTS, VIDEO: Kind.BOX}
+PLACELESS = frozenset(
+    {"choices", "datetime", "labels", "number", "pairwise", "ranker", "rating", "relation", "taxonomy", "textarea"}
+    | {"timelinelabels"}
+)
+"""Results that say something of an image, or of what is drawn on it, but not where."""
 _WORDS = {Kind.POLYGON: "polygonlabels", Kind.BOX: "rectanglelabels", Kind.POINTS: "keypointlabels"}
 _FIRST = 1
 """What Label Studio calls the first frame of a video."""
@@ -38,8 +45,9 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
     things: list[Thing] = []
     shapes: list[Shape] = []
     for task in tasks:
-        drawn = task.get("annotations") or task.get("predictions") or [{"result": []}]
-        results = [each for each in drawn[-1]["result"] if each["type"] not in ("labels", "choices", "textarea")]
+        done = [each for each in task.get("annotations") or () if not each.get("was_cancelled")]
+        drawn = done or task.get("predictions") or [{"result": []}]
+        results = [each for each in drawn[-1]["result"] if each["type"] not in PLACELESS]
         numbers: dict[str, int] = {}
         for entry in results:
             word = entry["type"]
@@ -47,6 +55,8 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
                 raise AnnotationError(
                     f"{path} has {word}, which are not carried; give {', '.join(KINDS)}, or masks exported as PNG"
                 )
+            if entry.get("image_rotation"):
+                raise AnnotationError(f"{path} is drawn on a turned image, which is not carried; draw it upright")
             asked.same_size(path, entry.get("original_width"), entry.get("original_height"), clip)
             label = _label(entry)
             numbers[label] = numbers.get(label, 0) + 1
@@ -56,7 +66,7 @@ def read(path: Path, content: bytes, frame: int | None, clip: ClipFacts) -> Anno
                 things.append(Thing(str(entry["id"]), label, (), source))
                 shapes += _of_video(path, entry, len(things) - 1, frame, clip)
                 continue
-            at = frame if frame is not None and len(tasks) == 1 else clip.frame_of(_image(task), path)
+            at = frame if frame is not None and len(tasks) == 1 else _frame(task, path, clip)
             key, known = f"{word} {label} #{numbers[label]}", [thing.id for thing in things]
             if key not in known:
                 things.append(Thing(key, label, (), source))
@@ -80,11 +90,12 @@ def write(folder: Path, annotation: Annotation, frames: Iterable[tuple[int, list
 def _image_tasks(
     annotation: Annotation, frames: Iterable[tuple[int, list[Shape]]], clip: ClipFacts
 ) -> list[dict[str, Any]]:
-    name, before = next(iter(annotation.source["data"])), _image(annotation.source)
-    folder = before.rpartition("/")[0]
+    name, image = next(iter(annotation.source["data"].items()))
+    before, first, behind = _parts(str(image))
     tasks = []
     for frame, shapes in frames:
-        image = f"{folder}/{clip.image(frame)}" if folder else clip.image(frame)
+        file = clip.image(frame)
+        image = f"{before}{file if unquote(first) == first else quote(file)}{behind}"
         results = [entry for shape in shapes for entry in _entries(shape, annotation, frame)]
         score = min((shape.confidence for shape in shapes), default=0.0)
         tasks.append({"data": {name: image}, "predictions": [{"result": results, _SCORE: round(score, _DECIMALS)}]})
@@ -149,8 +160,23 @@ def _entries(shape: Shape, annotation: Annotation, frame: int) -> list[dict[str,
     ]
 
 
-def _image(task: dict[str, Any]) -> str:
-    return unquote(urlsplit(str(next(iter(task["data"].values()), ""))).path)
+def _frame(task: dict[str, Any], path: Path, clip: ClipFacts) -> int:
+    """Of a task's image, by its name."""
+    name = unquote(_parts(str(next(iter(task["data"].values()), "")))[1])
+    own = re.sub(r"^[0-9a-f]{8}-", "", name)
+    return clip.frame_of(own if own in clip.files and name not in clip.files else name, path)
+
+
+def _parts(image: str) -> tuple[str, str, str]:
+    """An address in three: what is before the file's name, the name, and what is behind it.
+
+    Of files on the server's own disk, the address is `/data/local-files/?d=FOLDER/NAME`.
+    """
+    local = re.search(r"[?&]d=", image)
+    begin, ends = (0, "?#") if local is None else (local.end(), "&#")
+    end = begin + len(re.split(f"[{ends}]", image[begin:])[0])
+    name = re.split(r"/|\\|%2F|%5C", image[begin:end], flags=re.IGNORECASE)[-1]
+    return image[: end - len(name)], name, image[end:]
 
 
 def _labels(entry: dict[str, Any]) -> list[str]:

@@ -1,4 +1,5 @@
-"""Label PNGs: the value of a pixel is its object's number, 0 is none; grey of 8 or 16 bits, or with a palette.
+"""Label PNGs: the value of a pixel is its object's number, 0 and what is transparent are none; grey of 8 or 16
+bits, or with a palette.
 
 One file is of one frame; a palette is kept.
 """
@@ -21,6 +22,7 @@ import numpy.typing as npt
 from decomo_runtime.errors import AnnotationError
 from decomo_runtime.propagation.formats.asked import ClipFacts, masked
 from decomo_runtime.propagation.shapes import Annotation, Shape, Thing
+from decomotion.frame_files import where_opaque
 from decomotion.images import plausible, png
 
 Palette = npt.NDArray[np.uint8]
@@ -82,7 +84,9 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
     if image is None:
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels")
     if image.ndim == 3:
-        colours = image[..., :3]
+        opaque, colours = where_opaque(cast("npt.NDArray[np.uint8]", image)), image[..., :3]
+        if opaque is not None:
+            colours = np.where(opaque[..., None], colours, 0)
         if (colours != colours[..., :1]).any():
             raise AnnotationError(
                 f"{path} has colours without a palette, which do not tell objects' numbers; save it as grey or with a "

@@ -25,6 +25,22 @@ export function readLabels(name: string, bytes: Uint8Array, { width, height }: S
   return labels;
 }
 
+/** The frame that a file's name tells: `sure` by `@T` before its ending, as for the commands behind it; else a number may be one. */
+export interface NamedFrame {
+  readonly t: number;
+  readonly sure: boolean;
+}
+
+/** `InputError` where `@T` is no frame of the clip. */
+export function frameInName(name: string, numFrames: number): NamedFrame | undefined {
+  const [, at, digits] = /(@?)(\d+)\.[^.]*$/.exec(name) ?? [];
+  if (digits === undefined) return undefined;
+  const [t, sure] = [Number(digits), at === "@"];
+  if (t < numFrames) return { t, sure };
+  if (!sure) return undefined;
+  throw new InputError(`${name} is of frame ${t}, as its name says, but the clip has frames 0 to ${numFrames - 1}; give one of this clip, or rename it.`);
+}
+
 /** Grey, 8 bits. */
 export const labelPng = ({ width, height }: Size, labels: Uint8Array): Uint8Array => encode({ width, height, data: labels, channels: 1, depth: 8 });
 

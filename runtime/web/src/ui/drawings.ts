@@ -18,6 +18,7 @@ export class DrawingRows {
     private readonly document: Document,
     private readonly sketch: Sketch,
     private readonly onSeek: (frame: number) => void,
+    private readonly onSelect: () => void,
   ) {}
 
   /** Brings the rows up to date; the control that has the focus keeps it. */
@@ -93,5 +94,6 @@ export class DrawingRows {
       item.setAttribute("aria-current", String(this.document.drawings[index]?.id === id));
     }
     if (this.shown) this.shown = { ...this.shown, selected: id };
+    this.onSelect();
   }
 }

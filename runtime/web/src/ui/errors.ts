@@ -46,6 +46,6 @@ export class ErrorPanel {
   showFrame(point: App["followed"][number] | undefined, frame: number): void {
     const error = point?.track.error[frame];
     const hidden = point?.track.occluded[frame] === true ? "hidden; if it is in sight, " : "";
-    this.said.value = point === undefined || error === undefined ? "" : `${point.name}, frame ${frame}: ${hidden}${inPixels(error)} px`;
+    this.said.value = point === undefined || error === undefined ? "" : `${point.name}, frame ${frame}: ${hidden}within ${inPixels(error)} px`;
   }
 }

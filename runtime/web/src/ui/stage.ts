@@ -17,6 +17,8 @@ export interface StageEvents {
   onArea(polygon: readonly Place[], t: number): void;
   /** A point is taken hold of; `placing`: by `place`, and the next click or Enter puts it down. */
   onHold(id: number, placing: boolean): void;
+  /** A point that was to be placed is placed, or given up. */
+  onPlaced(): void;
   /** It belongs to `place` in frame t. */
   onCorrect(id: number, place: Place, t: number): void;
   /** The pen is put down. */
@@ -212,7 +214,9 @@ export class Stage {
   }
 
   private letGo(): void {
+    const { placing } = this;
     [this.held, this.placing] = [undefined, false];
+    if (placing) this.events.onPlaced();
   }
 
   private zoom(): number {

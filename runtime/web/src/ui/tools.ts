@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import { type Drawing, OWNERS } from "../drawings";
-import { readLabels } from "../files/labels";
+import { frameInName, readLabels } from "../files/labels";
 import type { Size } from "../geometry";
 import { InputError } from "../model/facts";
 import { base64, decode } from "../marks";
@@ -22,9 +22,10 @@ const HINTS: Readonly<Record<Tool, string>> = {
   picture: "Choose a picture, then click, or drag to say how large.",
 };
 
-/** Shows what goes wrong. */
+/** Says what was done, and shows what goes wrong. */
 interface Alerts {
   attempt(work: Promise<unknown> | undefined): void;
+  status(text: string): void;
 }
 
 export class Tools {
@@ -35,6 +36,8 @@ export class Tools {
   private readonly picture = element("picture-file", HTMLInputElement);
   private readonly mask = element("mask-file", HTMLInputElement);
   private readonly radios = new Map<Tool, HTMLInputElement>();
+  /** Of the layer that is drawn on. */
+  private kind: Drawing["kind"] | undefined;
 
   constructor(
     private readonly pen: Pen,
@@ -58,15 +61,13 @@ export class Tools {
     const onClick = (id: string, action: () => void): void => element(id, HTMLButtonElement).addEventListener("click", action);
     onClick("new-layer", () => this.begin(() => sketch.add("paint")));
     onClick("new-mask", () => this.begin(() => sketch.add("mask")));
-    onClick("load-mask", () => this.mask.click());
+    onClick("load-mask", () => {
+      app.pauseAt(app.pictures.nearest(app.player.frame)); // it may stand in for another
+      this.mask.click();
+    });
     onClick("draw-picture", () => this.picture.click());
     this.picture.addEventListener("change", () => this.take(this.picture, (file) => this.openPicture(file)));
-    this.mask.addEventListener("change", () =>
-      this.take(this.mask, async (file) => {
-        if (app.model === undefined) throw new InputError("Open a model before a mask.");
-        sketch.addMasks(readLabels(file.name, new Uint8Array(await file.arrayBuffer()), app.model.facts), app.player.frame);
-      }),
-    );
+    this.mask.addEventListener("change", () => this.take(this.mask, (file) => this.openMask(file, app)));
   }
 
   /** Fits the width of lines to another clip. */
@@ -89,13 +90,30 @@ export class Tools {
     this.pen.tool = tool;
     const radio = this.radios.get(tool);
     if (radio) radio.checked = true;
-    const shown = { "draw-colour": !["points", "eraser", "picture"].includes(tool), "draw-size": ["brush", "eraser", "text"].includes(tool) };
-    for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
+    this.showFields();
     const [hint] = element("hint", HTMLParagraphElement).childNodes;
     if (hint) hint.textContent = HINTS[tool];
-    element("draw-text-field", HTMLLabelElement).hidden = tool !== "text";
+  }
+
+  /** Draws on a layer of that kind; undefined: on a new one. */
+  drawOn(kind: Drawing["kind"] | undefined): void {
+    if (kind === this.kind) return;
+    this.kind = kind;
+    this.showFields();
+  }
+
+  /** What the tool needs to know of a layer of paint, or of a mask, which has its own colour. */
+  private showFields(): void {
+    const { tool } = this.pen;
+    const paints = this.kind !== "mask";
+    const shown = {
+      "draw-colour": paints && !["points", "eraser", "picture"].includes(tool),
+      "draw-size": ["brush", "eraser", "text"].includes(tool),
+      "draw-text": tool === "text",
+      "draw-on": paints && tool !== "points" && tool !== "eraser",
+    };
+    for (const [id, is] of Object.entries(shown)) element(`${id}-field`, HTMLLabelElement).hidden = !is;
     element("draw-picture", HTMLButtonElement).hidden = tool !== "picture";
-    element("draw-on-field", HTMLLabelElement).hidden = tool === "points" || tool === "eraser";
   }
 
   /** Makes a layer, and takes the brush to it. */
@@ -110,6 +128,22 @@ export class Tools {
     input.value = "";
   }
 
+  /** Over the frame that the file's name tells, or that is shown. */
+  private async openMask(file: File, app: App): Promise<void> {
+    const { name } = file;
+    const facts = app.model?.facts;
+    if (facts === undefined) throw new InputError("Open a model before a mask.");
+    const labels = readLabels(name, new Uint8Array(await file.arrayBuffer()), facts);
+    const shown = app.player.frame;
+    const named = frameInName(name, facts.numFrames) ?? { t: shown, sure: true };
+    const t = named.sure || named.t === shown ? named.t : await askFrame(name, named.t, shown);
+    if (t === undefined) return;
+    const { added, replaced } = app.sketch.addMasks(labels, t);
+    app.pauseAt(t);
+    const instead = replaced.length > 0 ? `, in place of what was drawn there of ${replaced.join(", ")}; Undo brings it back` : "";
+    this.alerts.status(`${name}: ${added === 1 ? "a mask" : `${added} masks`} over frame ${t}${instead}.`);
+  }
+
   private async openPicture(file: File): Promise<void> {
     if (file.size > MOST_BYTES) throw new InputError(`${file.name} has more than ${MOST_BYTES / 2 ** 20} MB; make it smaller.`);
     const source = base64(new Uint8Array(await file.arrayBuffer()));
@@ -119,4 +153,18 @@ export class Tools {
     this.pen.picture = { ...size, source };
     element("draw-picture", HTMLButtonElement).textContent = file.name;
   }
+}
+
+/** Asks whether a mask is of the frame that its name may tell, or of the one that is shown; undefined: of none. */
+function askFrame(name: string, named: number, shown: number): Promise<number | undefined> {
+  const dialog = element("mask-frame", HTMLDialogElement);
+  element("mask-frame-file", HTMLParagraphElement).textContent = name;
+  element("mask-frame-named", HTMLButtonElement).textContent = `Frame ${named}, by its name`;
+  element("mask-frame-shown", HTMLButtonElement).textContent = `Frame ${shown}, shown now`;
+  dialog.returnValue = ""; // what Escape leaves
+  dialog.showModal();
+  return new Promise((resolve) => {
+    const frames: Record<string, number> = { named, shown };
+    dialog.addEventListener("close", () => resolve(frames[dialog.returnValue]), { once: true });
+  });
 }

@@ -49,6 +49,7 @@ export class View {
         this.app?.hold(id);
         if (placing) this.status(PLACING);
       },
+      onPlaced: () => this.status(""),
       onCorrect: (id, place, t) => this.attempt(this.app?.correct(id, place, t)),
       onPress: (place, pressure, t) => {
         try {
@@ -122,9 +123,11 @@ export class View {
       `${clipName} · ${numFrames} frames of ${width}×${height}${windows} · preset ${preset} · WebAssembly, ${threads}${layers}` +
       (hasClip ? "" : " · without its clip");
     const said = quality && warning(quality);
-    const paragraph = element("quality", HTMLParagraphElement);
-    paragraph.hidden = quality === undefined;
-    paragraph.replaceChildren(
+    const details = element("quality", HTMLDetailsElement);
+    details.hidden = quality === undefined;
+    const [what] = said?.split(":") ?? [];
+    details.querySelector("summary")?.replaceChildren(what === undefined ? "How good the fit is" : make("strong", {}, asSentence(what)));
+    details.querySelector("p")?.replaceChildren(
       quality ? asSentence((count > 1 ? "in the worst window, " : "") + summary(quality)) : "",
       ...(said === undefined ? [] : [" ", make("strong", {}, asSentence(`${said}; fit for longer with decomo-train --resume`))]),
     );
@@ -184,12 +187,18 @@ export class View {
     element("redo", HTMLButtonElement).disabled = !canRedo;
     element("clear", HTMLButtonElement).disabled = count === 0;
     this.tools.content(drawings);
+    this.drawOn(app);
     element("save", HTMLFieldSetElement).disabled = (count === 0 && drawings.length === 0) || unfinished;
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=points]")) button.disabled = count === 0;
     element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
     element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
     for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;
     for (const id of ["place", "mark-hidden", "mark-seen"]) element(id, HTMLButtonElement).disabled = selected === undefined;
+  }
+
+  /** Shows the controls of what is drawn on. */
+  drawOn({ sketch }: App): void {
+    this.tools.drawOn(sketch.drawing?.kind);
   }
 
   loading(text: string | undefined): void {
