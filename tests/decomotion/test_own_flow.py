@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from decomotion.clip import Clip
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.links.layer import Layer
-from decomotion.data.links.own_flow import OwnFlow
+from decomotion.data.links.own_flow import OwnFlow, likelier
 
 FRAMES, HEIGHT, WIDTH = 5, 24, 40
 
@@ -47,3 +48,32 @@ def test_both_ways_at_every_gap_and_found_again(tmp_path: Path) -> None:
     estimator.asked.clear()
     own.compute((1, 2), progress=False)
     assert estimator.asked == [(2, 3), (3, 2)]
+
+
+def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: Path) -> None:
+    """Twelve columns are found, of which eight move; frames are twice as large as the raster."""
+    random = np.random.default_rng(0)
+    scene, thing = (
+        cv2.GaussianBlur(random.uniform(0, 255, (2 * HEIGHT, 2 * WIDTH, 3)), (0, 0), 1.5) * 3 - 250 for _ in range(2)
+    )
+    frames = np.stack([scene, scene])
+    frames[0][:, 16:32], frames[1][:, 24:40] = thing[:, :16], thing[:, :16]
+    frames = frames.clip(0, 255).astype(np.uint8)
+    moves, stands = np.zeros((2, HEIGHT, WIDTH, 2), np.float32)
+    moves[..., 0] = 4
+    found = likelier(*frames, moves, stands)
+    assert (found[2:-2, 9:15, 0] == 4).mean() > 0.95
+    assert (found[2:-2, 24:-6] == 0).mean() > 0.95
+    masks = np.zeros((2, HEIGHT, WIDTH), np.bool_)
+    masks[:, :, 4:24] = True
+
+    class Right(Sized):
+        def __call__(self, first: Frame, second: Frame, pair: tuple[int, int], start: Flow | None = None) -> Flow:
+            return np.broadcast_to(np.float32([4 * (pair[1] - pair[0]), 0]), (*first.shape[:2], 2)).copy()
+
+    clip = Clip("clip", frames, 24.0)
+    own = OwnFlow(clip, Right(), Layer(masks, (WIDTH, HEIGHT)), tmp_path / "own", lambda *_: stands)
+    own.compute((1,), progress=False)
+    np.testing.assert_array_equal(own(0, 1)[2:-2, 9:15], found[2:-2, 9:15])
+    assert (own(0, 1)[2:-2, 19:23] == 0).mean() > 0.9
+    assert (own(1, 0)[2:-2, 13:19, 0] == -4).mean() > 0.95

@@ -497,13 +497,13 @@ class TestCache:
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
     ):
-        """8 frames, of which each has features in 5 seconds and masks in 10, twice."""
+        """8 frames, of which each has features in 5 seconds, masks in 10 and silhouettes in 5."""
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
         monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 10.0)
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
         settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
-        sentence = f"8 frames are too many for the time that there is: .* masks {200 if masks == 'auto' else 40}\\)"
+        sentence = f"8 frames are too many for the time that there is: .* masks {160 if masks == 'auto' else 40}\\)"
         with pytest.raises(SupervisionError, match=sentence):
             prepare(clip, settings, progress=False)
 
@@ -533,7 +533,7 @@ class TestCache:
         assert (0, 1) in called
 
     def test_the_budget_is_what_others_leave(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
-        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8, twice."""
+        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8, silhouettes 4."""
         left, clock = [], [0.0]
 
         class Slow(MatchStore):
@@ -557,7 +557,7 @@ class TestCache:
         monkeypatch.setattr(budget.costs, "affordable_points", points)
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
         links = prepare_in_stages(clip, settings, progress=False).stages[0]
-        assert left == [59.0]
+        assert left == [63.0]
         assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [linker.LINKED_AT_ONCE, 20_000])
@@ -634,7 +634,7 @@ class TestCache:
     def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)
         names = {file.name for file in preparation.cache_root().glob("*/links-*/*")}
-        assert names == {"points.npy", "rgb.npy", "targets.npy", "confidence.npy", "stage.json"}
+        assert names == {"points.npy", "rgb.npy", "targets.npy", "confidence.npy", "probability.npy", "stage.json"}
 
     def test_equal_gaps_from_another_estimator_of_the_same_fields(self, builds: list[str], clip: Clip, tmp_path: Path):
         """The user's folder of DIS's fields gives DIS's pool."""

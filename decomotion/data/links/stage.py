@@ -40,8 +40,10 @@ SCHEDULE = "schedule.json"
 USUAL = 0.3
 """Share of a frame that is searched once more for what is found to move, and of points that are linked once more."""
 
-Found = Callable[[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]], Iterable[Mask]]
-"""What moves in each frame, [h, w], by points, targets, confidence, and rows and columns, as in the pool."""
+Linked = tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]]
+"""Points, targets, confidence, and rows and columns of the grid, as in the pool."""
+Found = Callable[[Linked], Iterable[Mask]]
+"""What moves in each frame, [h, w], by links."""
 
 
 def build_links(
@@ -118,7 +120,7 @@ def build_links(
     linker.run(points, *linked, moving, progress, folder)
     if found is not None:
         rough = points, PackedPositions(linked[0], side), linked[1], grid
-        linker.run_again(points, *linked, partial(found, *rough), progress, folder)
+        linker.run_again(points, *linked, partial(found, rough), progress, folder)
     targets.flush()
     confidence.flush()
     for name in ("flow", "own", "matches"):

@@ -15,7 +15,7 @@ from decomotion.chance import generator
 from decomotion.clip import Clip
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.links.filtering import build_filtered
-from decomotion.data.links.stage import build_links
+from decomotion.data.links.stage import Linked, build_links
 from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.links import Links
@@ -29,10 +29,8 @@ from decomotion.data.stages import write_array
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
 
-Linked = tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]]
-"""Points, targets, confidence, and rows and columns of the grid, as in the pool."""
 PROBABILITY = "probability.npy"
-"""In the folder of `links`, where that is found there: how likely each point of the grid moves, [frame, row, column]."""
+"""In the folder of `links`, where it is found there: how likely points of the grid move, [frame, row, column]."""
 SILHOUETTES = 0.5
 """What they cost, of what masks do."""
 
@@ -63,14 +61,14 @@ class Making:
         given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links, found)
         return build_links(*wanted, *given, inputs.progress, folder, time.monotonic() - begin)
 
-    def silhouettes(self, folder: Path, *linked: *Linked) -> Iterator[Mask]:
+    def silhouettes(self, folder: Path, linked: Linked) -> Iterator[Mask]:
         """What moves in each frame, as the links tell; how likely points move is kept in the folder."""
         frames, links = self.working.frames, Links(*linked, self.inputs.sides)
-        probability = self.found(*linked)
+        probability = self.found(linked)
         write_array(folder / PROBABILITY, probability)
         return silhouettes(frames, probability, links, generator(self.inputs.seed, "silhouettes"))
 
-    def found(self, *linked: *Linked) -> npt.NDArray[np.float32]:
+    def found(self, linked: Linked) -> npt.NDArray[np.float32]:
         """How likely each point of the grid moves, [frame, row, column]."""
         how = (self.inputs.sides, generator(self.inputs.seed, "masks"), self.inputs.progress)
         return moving_probability(self.working.frames, *linked, *how)
@@ -111,7 +109,7 @@ class Making:
         if inputs.finds_masks_of_links:
             probability = np.load(keys.links.folder / PROBABILITY)
         elif inputs.config.masks == "auto":
-            probability = self.found(points, targets, confidence, (keys.grid.rows, keys.grid.columns))
+            probability = self.found((points, targets, confidence, (keys.grid.rows, keys.grid.columns)))
         return build_motion(inputs.sides, points, targets, confidence, inputs.given_masks, probability, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
