@@ -61,9 +61,14 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
     frames = frames.clip(0, 255).astype(np.uint8)
     moves, stands = np.zeros((2, HEIGHT, WIDTH, 2), np.float32)
     moves[..., 0] = 4
-    found = likelier(*frames, moves, stands)
+    found = likelier(*frames, moves, stands, stands)
     assert (found[2:-2, 9:15, 0] == 4).mean() > 0.95
     assert (found[2:-2, 24:-6] == 0).mean() > 0.95
+    astray = stands.copy()
+    astray[:, 30:, 0] = 1.5  # the way back misses the right by more than a unit
+    assert (likelier(*frames, moves, stands, astray)[2:-2, 31:36, 0] == 4).all()
+    astray /= 30
+    assert (likelier(*frames, moves, stands, astray)[2:-2, 31:36] == 0).mean() > 0.95
     masks = np.zeros((2, HEIGHT, WIDTH), np.bool_)
     masks[:, :, 4:24] = True
 

@@ -63,8 +63,8 @@ class Linker:
 
     def followed(self, layer: Layer, given: bool, progress: bool, folder: Path) -> linking.Moving:
         """What is in a layer, with its own flow: given masks, or what was found, which can be wrong."""
-        instead = None if given else self._flow
-        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", instead)
+        every = None if given else self._flow
+        own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", every)
         own.compute(self._intervals, progress)
         return linking.Moving(own, layer.mask, layer.reach if given else None)
 

@@ -1,7 +1,7 @@
 """Flow of what moves alone, at the scheduled gaps, on disk: both ways.
 
-What given masks hold moves so. What is found to move may be the scene beside it: there the flow of all stays, where the
-colours that it leads to are as near.
+What given masks hold moves so. What is found to move may be the scene beside it: the flow of all stays where it returns
+to where it began, and the colours that it leads to are as near.
 
 Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
 """
@@ -23,7 +23,7 @@ from decomotion.data.flow.interface import resized
 from decomotion.data.links.flow_store import each_of, pixels
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.layer import Layer
-from decomotion.data.links.linking import FlowLookup
+from decomotion.data.links.linking import FlowLookup, cycle_error
 from decomotion.data.links.pair_files import Couple, PairFiles
 from decomotion.data.sampling import bilinear
 from decomotion.units import unit
@@ -32,6 +32,8 @@ BLUR = 0.4
 """Standard deviation in units by which colours are blurred before they are compared."""
 WINDOW = 2.5
 """Units over which they are compared."""
+RETURNS = 1.0
+"""Units by which flow of all may miss where it began."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +45,14 @@ class OwnFlow:
         estimator: of their flow.
         layer: what moves.
         folder: of the files.
-        instead: `instead(i, j)` is the flow of all from frame i to frame j, [h, w, 2], where what moves was found.
+        every: `every(i, j)` is the flow of all from frame i to frame j, [h, w, 2], where what moves was found.
     """
 
     clip: Clip
     estimator: FlowEstimator
     layer: Layer
     folder: Path
-    instead: FlowLookup | None = None
+    every: FlowLookup | None = None
 
     def compute(self, gaps: Sequence[int], progress: bool) -> None:
         """Makes the fields at `gaps` that are not there yet."""
@@ -74,21 +76,23 @@ class OwnFlow:
         for first, second in (couple, couple[::-1]):
             frames = self.clip.frames[first], self.clip.frames[second]
             flow = self.layer.flow(self.estimator, frames, (first, second))
-            if self.instead is not None:
-                flow = likelier(*frames, flow, self.instead(first, second))
+            if self.every is not None:
+                flow = likelier(*frames, flow, self.every(first, second), self.every(second, first))
             self._files.write(first, second, flow.astype(np.float16))
 
 
-def likelier(frame: Frame, other: Frame, flow: Flow, instead: Flow) -> Flow:
-    """`flow` from one frame to another [H, W, 3], or `instead` where the colours that it leads to are as near.
+def likelier(frame: Frame, other: Frame, own: Flow, there: Flow, back: Flow) -> Flow:
+    """From one frame to another [H, W, 3] `own` flow [h, w, 2], but `there` where that is as likely.
 
-    Flows are [h, w, 2]; colours are compared over `WINDOW` units.
+    It returns by `back` within `RETURNS` units, and the colours that it leads to are as near over `WINDOW` units.
     """
-    size = flow.shape[1::-1]
+    size = own.shape[1::-1]
     blurred = (cv2.GaussianBlur(resized(image, size), (0, 0), BLUR * unit(*size)) for image in (frame, other))
-    here, there = (image.astype(np.uint8) for image in blurred)
-    nearer = _difference(here, there, flow) < _difference(here, there, instead)
-    return np.where(nearer[..., None], flow, instead)
+    here, elsewhere = (image.astype(np.uint8) for image in blurred)
+    nearer = _difference(here, elsewhere, own) < _difference(here, elsewhere, there)
+    grid = pixels(*own.shape[:2])
+    lost = cycle_error(grid, grid + there, back) > RETURNS * unit(*size)
+    return np.where((nearer | lost)[..., None], own, there)
 
 
 def _difference(here: Frame, there: Frame, flow: Flow) -> npt.NDArray[np.float32]:
