@@ -65,9 +65,9 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
     assert (found[2:-2, 9:15, 0] == 4).mean() > 0.95
     assert (found[2:-2, 24:-6] == 0).mean() > 0.95
     astray = stands.copy()
-    astray[:, 30:, 0] = 1.5  # the way back misses the right by more than a unit
+    astray[:, 30:, 0] = 0.5  # the way back misses the right by more than a unit, which is 40 / 256
     assert (likelier(*frames, moves, stands, astray)[2:-2, 31:36, 0] == 4).all()
-    astray /= 30
+    astray /= 10
     assert (likelier(*frames, moves, stands, astray)[2:-2, 31:36] == 0).mean() > 0.95
     masks = np.zeros((2, HEIGHT, WIDTH), np.bool_)
     masks[:, :, 4:24] = True
@@ -82,3 +82,8 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
     np.testing.assert_array_equal(own(0, 1)[2:-2, 9:15], found[2:-2, 9:15])
     assert (own(0, 1)[2:-2, 19:23] == 0).mean() > 0.9
     assert (own(1, 0)[2:-2, 13:19, 0] == -4).mean() > 0.95
+    there = np.zeros_like(stands)
+    there[..., 1] = 0.5  # which none but itself returns from
+    own = OwnFlow(clip, Right(), own.layer, tmp_path / "lost", lambda first, _: there if first else stands)
+    own.compute((1,), progress=False)
+    assert (own(0, 1)[2:-2, 4:24, 0] == 4).all()
