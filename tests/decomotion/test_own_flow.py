@@ -87,3 +87,4 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
     own = OwnFlow(clip, Right(), own.layer, tmp_path / "lost", lambda first, _: there if first else stands)
     own.compute((1,), progress=False)
     assert (own(0, 1)[2:-2, 4:24, 0] == 4).all()
+    assert not own(0, 1)[:, 24:].any()

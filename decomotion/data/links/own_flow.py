@@ -1,7 +1,7 @@
 """Flow of what moves alone, at the scheduled gaps, on disk: both ways.
 
 What given masks hold moves so. What is found to move may be the scene beside it: the flow of all stays where it returns
-to where it began, and the colours that it leads to are as near.
+to where it began, and the colours that it leads to are as near; and wherever nothing moves.
 
 Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
 """
@@ -77,7 +77,9 @@ class OwnFlow:
             frames = self.clip.frames[first], self.clip.frames[second]
             flow = self.layer.flow(self.estimator, frames, (first, second))
             if self.every is not None:
-                flow = likelier(*frames, flow, self.every(first, second), self.every(second, first))
+                every = self.every(first, second)
+                likely = likelier(*frames, flow, every, self.every(second, first))
+                flow = np.where(self.layer.mask(first)[..., None], likely, every)
             self._files.write(first, second, flow.astype(np.float16))
 
 
