@@ -44,6 +44,7 @@ def test_both_ways_at_every_gap_and_found_again(tmp_path: Path) -> None:
     assert sorted(estimator.asked) == sorted([*couples, *(couple[::-1] for couple in couples)])
     np.testing.assert_array_equal(own(3, 1)[10:18, 4:12], np.broadcast_to(np.float32([-2, 3]), (8, 8, 2)))
     assert not own(3, 1)[:4].any()
+    assert np.load(tmp_path / "own" / "3_1.npy").shape == (12, 12, 2)  # 16 units around are 2 pixels
     (tmp_path / "own" / "2_3.npy").write_bytes(b"half")
     estimator.asked.clear()
     own.compute((1, 2), progress=False)

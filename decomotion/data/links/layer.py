@@ -48,17 +48,23 @@ class Layer:
         """`mask(frame)`: [h, w], what moves."""
         self.reach = lru_cache(AT_HAND)(lambda frame: _wider(unpacked(frame), TOLERANCE * unit(*size)))
         """`reach(frame)`: [h, w], where it can lie, its outline being drawn by hand; everywhere where none is drawn."""
+        self.part = lru_cache(AT_HAND)(self._part)
+        """`part(i, j)`: rows and columns that are searched from frame i to j; None where one of them has nothing."""
 
     def effort(self) -> float:
         """Share of a frame that is searched, in the mean."""
-        parts = [self._part(frame, frame) for frame in range(len(self._packed))]
+        parts = [self.part(frame, frame) for frame in range(len(self._packed))]
         boxes = [(rows.stop - rows.start) * (columns.stop - columns.start) for rows, columns in filter(None, parts)]
         return sum(boxes) / (len(parts) * self._size[0] * self._size[1])
 
+    def empty(self) -> Flow:
+        """No motion, [h, w, 2]."""
+        return np.zeros((*self._size[::-1], 2), np.float32)
+
     def flow(self, estimator: FlowEstimator, frames: tuple[Frame, Frame], pair: tuple[int, int]) -> Flow:
         """From the first of `frames` to the second, [h, w, 2], of what moves; 0 far from it."""
-        flow = np.zeros((*self._size[::-1], 2), np.float32)
-        if (part := self._part(*pair)) is not None:
+        flow = self.empty()
+        if (part := self.part(*pair)) is not None:
             first, second = (self._alone(frame, number)[part] for frame, number in zip(frames, pair, strict=True))
             start = np.broadcast_to(self._middle(pair[1]) - self._middle(pair[0]), flow[part].shape)
             flow[part] = estimator(first, second, pair, start.astype(np.float32))
@@ -73,7 +79,6 @@ class Layer:
         return np.where(self.mask(number)[..., None], resized(frame, self._size), np.uint8(GREY))
 
     def _part(self, first: int, second: int) -> tuple[slice, slice] | None:
-        """Rows and columns of what moves in both frames; None where one of them has nothing."""
         masks = self.mask(first), self.mask(second)
         if not all(mask.any() for mask in masks):
             return None

@@ -3,7 +3,7 @@
 What given masks hold moves so. What is found to move may be the scene beside it: the flow of all stays where it returns
 to where it began, and the colours that it leads to are as near; and wherever nothing moves.
 
-Fields are files `<first>_<second>.npy`, float16; a killed run's are found again.
+Files `<first>_<second>.npy`, float16, have the part of each field that is searched; a killed run's are found again.
 """
 
 from __future__ import annotations
@@ -66,7 +66,10 @@ class OwnFlow:
 
     def __call__(self, first: int, second: int) -> Flow:
         """From frame `first` to frame `second`, float32 [h, w, 2]."""
-        return self._files.read(first, second).astype(np.float32)
+        flow = self.layer.empty() if self.every is None else self.every(first, second)
+        if (part := self.layer.part(first, second)) is not None:
+            flow[part] = self._files.read(first, second)
+        return flow
 
     @property
     def _files(self) -> PairFiles:
@@ -80,7 +83,8 @@ class OwnFlow:
                 every = self.every(first, second)
                 likely = likelier(*frames, flow, every, self.every(second, first))
                 flow = np.where(self.layer.mask(first)[..., None], likely, every)
-            self._files.write(first, second, flow.astype(np.float16))
+            part = self.layer.part(first, second)
+            self._files.write(first, second, (flow[:0, :0] if part is None else flow[part]).astype(np.float16))
 
 
 def likelier(frame: Frame, other: Frame, own: Flow, there: Flow, back: Flow) -> Flow:
