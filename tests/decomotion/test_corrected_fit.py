@@ -113,7 +113,7 @@ def test_a_point_is_hidden_where_a_correction_says_so(tmp_path: Path):
     write_frames(Clip("bar", video, 24.0), tmp_path / "bar")
     fit = ["--steps", "60", "--masks", str(tmp_path / "masks"), "--out", str(tmp_path / "run"), "--device", "cpu"]
     # with own flow the links tell the bar from the square
-    plain = [part.replace("kind: dis,", "kind: dis, alone: false,") for part in SET_TINY]
+    plain = [part.replace("alone: true", "alone: false") for part in SET_TINY]
     assert plain != list(SET_TINY)
     assert main([str(tmp_path / "bar"), *fit, *plain]) == 0
     new, point = tmp_path / "new", (1, 12.5, 15)

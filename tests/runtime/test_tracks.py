@@ -165,6 +165,7 @@ def peak(act: Callable[[], object]) -> int:
 def test_csv_takes_little_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("decomo_runtime.formats.csv.LINES", 1024)
     tracks = some_tracks(400, 50, timed=True)
+    tracks.save(tmp_path / "a.csv")  # what is imported at the first time does not count
     assert peak(lambda: tracks.save(tmp_path / "a.csv")) < 400_000  # of a block, whatever the number of lines
     assert peak(lambda: Tracks.load(tmp_path / "a.csv")) < 80 * 400 * 50  # 80 bytes a line
 
