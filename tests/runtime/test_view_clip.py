@@ -136,7 +136,7 @@ def overlap(one: npt.NDArray[np.bool_], other: npt.NDArray[np.bool_]) -> float:
 
 
 def put(view: ViewPage, row: int, shown: npt.NDArray[np.floating], target: npt.NDArray[np.floating]) -> None:
-    """Drags the point of a row from where it is `shown`, [N, 2], or clicks where it belongs if that or another is near."""
+    """Drags the point of a row from where it is `shown`, [N, 2], or clicks at the target if that or another is near."""
     others = np.vstack([np.delete(shown, row, axis=0), target])
     if np.linalg.norm(others - shown[row], axis=1).min() > 8:
         view.drag(tuple(shown[row].tolist()), tuple(target.tolist()))
