@@ -13,6 +13,8 @@ import numpy.typing as npt
 from playwright.sync_api import Page, expect
 
 from decomo_runtime import Tracker, propagate_files
+from decomotion.frame_files import decode_mask
+from harness.davis import region
 
 PATIENCE = 600_000
 STILL = 4000
@@ -32,7 +34,7 @@ def measure(page: Page, model: Path, clip: Path, masks: Path, frames: Sequence[i
     for frame in frames:
         of_page = carried(page, first, frame, folder)
         figures = (of_page, truth[frame]), (of_command[frame], truth[frame]), (of_page, of_command[frame])
-        page_truth, command_truth, both = (overlap(*pair) for pair in figures)
+        page_truth, command_truth, both = (region(*pair) for pair in figures)
         click.echo(
             f"frame {frame}: page and truth {page_truth:.2f}, command and truth {command_truth:.2f}, page and command "
             f"{both:.2f}"
@@ -65,12 +67,7 @@ def carried(page: Page, first: Path, frame: int, folder: Path) -> Mask:
 
 
 def read(content: bytes) -> Mask:
-    """[H, W], what is not black."""
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert picture is not None
-    return (picture if picture.ndim == 2 else picture.max(axis=2)) > 0
-
-
-def overlap(one: Mask, other: Mask) -> float:
-    """Intersection over union."""
-    return float((one & other).sum() / max(1, (one | other).sum()))
+    """[H, W], what is not black in a PNG."""
+    mask = decode_mask(content, ".png")
+    assert mask is not None
+    return mask

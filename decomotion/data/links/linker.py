@@ -41,6 +41,8 @@ def parts_done(folder: Path) -> int:
 
 Which = slice | npt.NDArray[np.int64]
 """Of the points of a frame."""
+Chosen = tuple[npt.NDArray[np.float32], Sequence[Which]]
+"""Points [frame, n, 2], and which of each frame they are."""
 
 
 class Linker:
@@ -78,14 +80,12 @@ class Linker:
         folder: Path,
     ) -> None:
         """Fills `targets` and `confidence`, but for the frames themselves; `folder` remembers which parts are done."""
-        frames, done, parts = len(self._clip), parts_done(folder), self._parts(points.shape[1])
-        with tqdm(
-            total=frames * len(parts), initial=frames * done, desc="link", disable=not progress, leave=False
-        ) as bar:
-            for number, (which, step) in enumerate(parts[done:], done + 1):
-                every = [which] * frames
-                self._link(points[:, which], every, targets, confidence, moving, step, bar)
-                _note(folder, number)
+
+        def chosen(which: slice) -> Chosen:
+            return points[:, which], [which] * len(points)
+
+        parts = self._parts(points.shape[1])
+        self._link_parts(parts, 0, chosen, targets, confidence, moving, progress, folder)
 
     def run_again(
         self,
@@ -104,22 +104,39 @@ class Linker:
             return
         sides, raster = (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
         moving = self.followed(Layer(masks, raster[::-1]), False, progress, folder)
-        first = len(self._parts(points.shape[1]))
         moves = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, points, strict=True)]
         some, frames = _padded(moves), np.arange(len(points))[:, None]
-        done, parts = parts_done(folder) - first, self._parts(some.shape[1])
-        with tqdm(
-            total=len(frames) * len(parts), initial=len(frames) * done, desc="link", disable=not progress, leave=False
-        ) as bar:
-            for number, (which, step) in enumerate(parts[done:], first + done + 1):
-                part = some[:, which]
-                self._link(points[frames, part], list(part), targets, confidence, moving, step, bar)
-                _note(folder, number)
+
+        def chosen(which: slice) -> Chosen:
+            return points[frames, some[:, which]], list(some[:, which])
+
+        first, parts = len(self._parts(points.shape[1])), self._parts(some.shape[1])
+        self._link_parts(parts, first, chosen, targets, confidence, moving, progress, folder)
 
     def _parts(self, points: int) -> list[tuple[slice, int]]:
         """Which points are linked at a time, and which way in time: as many as fit into `LINKED_AT_ONCE`."""
         at_once = max(1, LINKED_AT_ONCE // (linking.BYTES_A_POINT * len(self._clip) * self._longest))
         return [(slice(first, first + at_once), step) for first in range(0, points, at_once) for step in (1, -1)]
+
+    def _link_parts(
+        self,
+        parts: Sequence[tuple[slice, int]],
+        before: int,
+        chosen: Callable[[slice], Chosen],
+        targets: npt.NDArray[np.uint16],
+        confidence: npt.NDArray[np.uint8],
+        moving: linking.Moving | None,
+        progress: bool,
+        folder: Path,
+    ) -> None:
+        """Those of `parts` that are not done yet; so many others come before them."""
+        frames, done = len(self._clip), min(parts_done(folder) - before, len(parts))
+        with tqdm(
+            total=frames * len(parts), initial=frames * done, desc="link", disable=not progress, leave=False
+        ) as bar:
+            for number, (which, step) in enumerate(parts[done:], before + done + 1):
+                self._link(*chosen(which), targets, confidence, moving, step, bar)
+                write_whole(folder / LINKED, partial(Path.write_text, data=str(number), encoding="ascii"))
 
     def _link(
         self,
@@ -153,7 +170,3 @@ def _padded(chosen: Sequence[npt.NDArray[np.bool_]]) -> npt.NDArray[np.int64]:
     places = [np.flatnonzero(each) if each.any() else np.zeros(1, np.int64) for each in chosen]
     most = max(len(each) for each in places)
     return np.stack([np.append(each, np.full(most - len(each), each[0])) for each in places])
-
-
-def _note(folder: Path, parts: int) -> None:
-    write_whole(folder / LINKED, partial(Path.write_text, data=str(parts), encoding="ascii"))

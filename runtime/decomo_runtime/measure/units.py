@@ -29,9 +29,8 @@ class Scale:
     @classmethod
     def parse(cls, text: str) -> Scale:
         """Of `"0.12mm/px"`. `MeasureError` where it is none."""
-        match = re.fullmatch(
-            r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*(?:/\s*px)?\s*", text.replace("\u03bc", "\u00b5")
-        )  # the Greek letter is the micro sign
+        written = text.replace("\u03bc", "\u00b5")  # the Greek letter for the micro sign
+        match = re.fullmatch(r"\s*([0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(.*?)\s*(?:/\s*px)?\s*", written)
         try:
             length, unit = (float(match[1]), match[2]) if match else (math.nan, "")
         except ValueError:
