@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 import calibration
-from calibration import Answers, Told, diagram, document, fit, left_out, main, model_paths, report
+from calibration import diagram, document, main, report
 from decomo_runtime.expected_error import TAIL, Calibration
 from decomotion.console import run
 from decomotion.images import png
 from decomotion.windows import FILE_NAME, Windows, split
+from harness.answers import Answers, model_paths
+from harness.told_errors import Told, fit, left_out
 from tiny_model import VELOCITY, write_tiny_model
 
 TRUTH = Calibration(0.8, (0.001, 0.1, 0.95), (0.3, 1.0, 20.0), 0.3, 0.5, 0.25, 0.5)
