@@ -21,6 +21,8 @@ Records = dict[str, Record]
 """By clip."""
 NEAR = (4, 16)
 """Pixels within which an end is near its true place."""
+LEGS = "legs_within_16"
+"""Of a record of joints."""
 MIB = 2**20
 
 
@@ -73,14 +75,23 @@ def _joints(records: Records, chained: Records) -> Part:
     mine, its = (
         {clip: record["metrics"][FIRST][DELTA] for clip, record in each.items()} for each in (records, chained)
     )
-    whole = [f"joints, < delta_avg, {len(mine)} clips", *_compared(mine, its, 100)]
-    titles = ["clip", "tracks", "< delta_avg", "its tracks' mean", "chained flow", "its tracks' mean"]
-    rows = [
-        [clip, str(len(record["tracks"])), f"{100 * mine[clip]:.1f}", mean_text(record["tracks"], scale=100)]
-        + ([f"{100 * its[clip]:.1f}", mean_text(chained[clip]["tracks"], scale=100)] if clip in its else ["", ""])
-        for clip, record in records.items()
+    legs, its_legs = ({clip: record[LEGS] for clip, record in each.items()} for each in (records, chained))
+    whole = [
+        [f"joints, < delta_avg, {len(mine)} clips", *_compared(mine, its, 100)],
+        [f"joints of legs within 16 px, %, {len(legs)} clips", *_compared(legs, its_legs, 100)],
     ]
-    return [whole], [*head(titles), *map(line, rows)]
+    titles = ["clip", "tracks", "< delta_avg", "its tracks' mean", "legs within 16 px"]
+    rows = [
+        [clip, *_joint_cells(records[clip], mine[clip])]
+        + (_joint_cells(chained[clip], its[clip])[1:] if clip in its else [""] * 3)
+        for clip in records
+    ]
+    return whole, [*head([*titles, *(f"chained: {title}" for title in titles[2:])]), *map(line, rows)]
+
+
+def _joint_cells(record: Record, delta: float) -> list[str]:
+    each = record["tracks"]
+    return [str(len(each)), f"{100 * delta:.1f}", mean_text(each, scale=100), f"{100 * record[LEGS]:.1f}"]
 
 
 def _ends(records: Records, chained: Records) -> Part:

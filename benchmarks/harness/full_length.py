@@ -35,6 +35,8 @@ ANNOTATED = 32
 """Frames that `first32` is about."""
 CARRIED_FROM = 0
 """The frame whose mask is given."""
+LEGS = (*range(6), *range(7, 13))
+"""BADJA's joints on legs, of the twenty: three of each."""
 
 Mask = npt.NDArray[np.bool_]
 Ask = Callable[[Video, Queries], Prediction]
@@ -73,15 +75,21 @@ def model_asked(model: Path) -> Ask:
 
 
 def position_figures(video: Video, ask: Ask) -> Record:
-    """Of tracks with few annotated frames: `metrics`, and `tracks`, a list of < delta_avg of each.
+    """Of tracks with few annotated frames: `metrics`, `tracks`, a list of < delta_avg of each, and `legs_within_16`.
 
-    Raises what `ask` raises.
+    The last is the mean share of the joints of legs within 16 pixels. Raises what `ask` raises.
     """
     queries = sample_queries(video, FIRST)
     answer = ask(video, queries)
     told = {name: value for name, value in score(queries, answer, FIRST).items() if _is_position(name)}
-    each = score_tracks(queries, answer, FIRST)[DELTA]
-    return {"metrics": {FIRST: told}, "tracks": each[~np.isnan(each)].tolist()}
+    each = score_tracks(queries, answer, FIRST)
+    tracks, near = each[DELTA], each["pts_within_16"]
+    legs = [near[joint] for joint in LEGS if joint < len(near)]
+    return {
+        "metrics": {FIRST: told},
+        "tracks": tracks[~np.isnan(tracks)].tolist(),
+        "legs_within_16": float(np.nanmean(legs)),
+    }
 
 
 def _is_position(name: str) -> bool:
