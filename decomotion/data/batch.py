@@ -8,10 +8,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from torch import Generator, Tensor
 
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
+from decomotion.data.surroundings import Expected, expected
 from decomotion.schedule import OptimConfig
 from decomotion.units import to_units
 
@@ -36,6 +37,10 @@ class Batch:
     """The motion mask M at `xy`: 1 on what moves."""
     masked: Float[Tensor, "pair point"]
     """1 where there is a motion mask, 0 where M is not known."""
+    expected_xy: Float[Tensor, "pair point 2"]
+    """Where points are expected whose target is not known (`decomotion.data.surroundings`)."""
+    expected_weight: Float[Tensor, "pair point"]
+    """In [0, 1]; 0 where the target is known, or nothing around."""
 
     def pairs(self, begin: int, end: int) -> Batch:
         """The pairs `begin` to `end`."""
@@ -74,6 +79,7 @@ class Sampler:
         self.errors = torch.ones(pool.num_frames, pool.num_points)
         """[frame, point]: running mean of each point's position error in units (OmniMotion's error maps)."""
         self._hard = round(config.points * config.hard_mining)
+        self._hidden = round(config.points * config.hidden_share)
         uniform = not config.count_maps and config.moving_share == 0
         self._cumulated = None if uniform else _cumulated_probability(pool, config)
 
@@ -100,8 +106,12 @@ class Sampler:
         candidates = self._draw_points(frame, generator)
         i, j = frame.numpy()[:, None], target.numpy()[:, None]
         known = torch.from_numpy(self._known(i, j, candidates.numpy()))
-        chosen = _first(known > 0)[:, : config.points]
-        chosen = chosen.gather(1, _first(chosen >= self._hard))
+        order = _first(known > 0)
+        hidden = order[:, order.shape[1] - self._hidden :]
+        chosen = torch.cat([order[:, : config.points - self._hidden], hidden], dim=1)
+        told = self._expected(i, j, candidates, known, hidden)
+        last = _first(chosen >= self._hard)
+        chosen = chosen.gather(1, last)
         point = candidates.gather(1, chosen)
 
         p = point.numpy()
@@ -117,7 +127,30 @@ class Sampler:
             feature=_tensor(pool.feature[i, p]),
             moving=_tensor(moving == 1),
             masked=_tensor(moving != UNKNOWN_MOTION),
+            expected_xy=_behind(told.xy, config.points).gather(1, last[..., None].expand(-1, -1, 2)),
+            expected_weight=_behind(told.weight, config.points).gather(1, last),
         )
+
+    def _expected(
+        self,
+        frame: npt.NDArray[np.int64],
+        target: npt.NDArray[np.int64],
+        candidates: Int[Tensor, "pair candidate"],
+        known: UInt8[Tensor, "pair candidate"],
+        hidden: Int[Tensor, "pair hidden"],
+    ) -> Expected:
+        """Of the candidates `hidden`, by those of which the target is known and which move, or stand, as they do."""
+        pool, points = self._pool, candidates.numpy()
+        moving = torch.from_numpy(np.ascontiguousarray(pool.moving[frame, points]))
+        alike = moving.gather(1, hidden)[..., None] == moving[:, None]
+        xy = _tensor(to_units(pool.points[frame, points], pool.longer_side))
+        found = expected(
+            xy.gather(1, hidden[..., None].expand(-1, -1, 2)),
+            xy,
+            _tensor(to_units(pool.targets[frame, target, points], pool.longer_side)),
+            alike * (known[:, None].float() / 255),
+        )
+        return Expected(found.xy, torch.where(known.gather(1, hidden) > 0, 0.0, found.weight))
 
     def _known(
         self, frame: npt.NDArray[np.int64], target: npt.NDArray[np.int64], point: npt.NDArray[np.int64]
@@ -152,6 +185,12 @@ class Sampler:
 def _first(which: Bool[Tensor, "pair candidate"]) -> Int[Tensor, "pair candidate"]:
     """An order of each pair's candidates in which `which` come first, otherwise as they were."""
     return torch.argsort((~which).to(torch.uint8), dim=-1, stable=True)
+
+
+def _behind(values: Float[Tensor, "pair hidden *rest"], points: int) -> Float[Tensor, "pair point *rest"]:
+    """The values of the last of so many points, 0 of the others."""
+    before = values.new_zeros(len(values), points - values.shape[1], *values.shape[2:])
+    return torch.cat([before, values], dim=1)
 
 
 def _cumulated_probability(pool: Pool, config: OptimConfig) -> Float[Tensor, "frame point"]:

@@ -49,6 +49,13 @@ LOSSES = {
     "flow_static": Loss(lambda p, b: flow_loss(p.static_xy, b.target_xy, b.confidence * (b.masked - b.moving)), S),
     "flow_fused": Loss(lambda p, b: flow_loss(p.fused_xy, b.target_xy, b.confidence)),
     "flow_robust": Loss(lambda p, b: robust_flow_loss(p.fused_xy, b.target_xy, b.confidence)),
+    "flow_hidden": Loss(
+        lambda p, b: (
+            robust_flow_loss(p.dynamic_xy, b.expected_xy, b.expected_weight * b.moving)
+            + robust_flow_loss(p.static_xy, b.expected_xy, b.expected_weight * (b.masked - b.moving))
+        ),
+        S + D,
+    ),
     "photometric_dynamic": Loss(lambda p, b: photometric_loss(p.dynamic_rgb, b.rgb, b.moving), D),
     "photometric_static": Loss(lambda p, b: photometric_loss(p.static_rgb, b.rgb, b.masked - b.moving), S),
     "photometric_fused": Loss(lambda p, b: photometric_loss(p.fused_rgb, b.rgb, torch.ones_like(b.moving))),

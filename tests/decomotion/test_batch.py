@@ -42,6 +42,7 @@ def config(**changes: Any) -> OptimConfig:
         "count_maps": False,
         "candidates": 1,
         "moving_share": 0.0,
+        "hidden_share": 0.0,
     }
     return load("cpu").optim.model_copy(update=plain | changes)
 
@@ -108,7 +109,14 @@ def test_where_there_is_no_mask():
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"hard_mining": 0.5}, {"count_maps": True}, {"candidates": 3, "moving_share": 0.5}]
+    "changes",
+    [
+        {},
+        {"hard_mining": 0.5},
+        {"count_maps": True},
+        {"candidates": 3, "moving_share": 0.5},
+        {"candidates": 3, "hidden_share": 0.3},
+    ],
 )
 def test_the_generator_decides(changes: dict[str, Any]):
     sampler = Sampler(make_pool(), config(**changes))
@@ -187,6 +195,53 @@ def test_where_no_target_is_known_points_are_drawn_all_the_same():
     assert batch.point.shape == (50, 30)
 
 
+def test_hidden_points_have_a_share_and_are_expected_with_what_moves_as_they_do():
+    """What moves goes 40 pixels to the right, the scene 16 up; a third of each is hidden. The clip is 512 wide."""
+    points = np.random.default_rng(0).uniform((0, 0), (511, 299), (FRAMES, 600, 2)).astype(np.float32)
+    moving = (points[..., 0] > 256).astype(np.uint8)
+    gone = np.where(moving[..., None] == 1, (40, 0), (0, -16)).astype(np.float32)
+    confidence = np.full((FRAMES, FRAMES, 600), 255, np.uint8)
+    confidence[..., ::3] = 0
+    targets = np.repeat((points + gone)[:, None], FRAMES, axis=1)
+    targets[:, :, ::3] = 999
+    pool = make_pool(
+        points=points,
+        targets=targets,
+        confidence=confidence,
+        rgb=np.zeros((FRAMES, 600, 3), np.uint8),
+        feature=np.zeros((FRAMES, 600, 2), np.float16),
+        moving=moving,
+        longer_side=512,
+    )
+    batch = draw(Sampler(pool, config(points=40, candidates=4, hidden_share=0.25, moving_share=0.3)), 5)
+    hidden = batch.confidence == 0
+    assert hidden[:, 30:].all()
+    assert not hidden[:, :30].any()
+    assert not batch.expected_weight[~hidden].any()
+    assert batch.expected_weight[hidden].mean() > 0.5
+    gone_to = torch.where(batch.moving[..., None] == 1, torch.tensor([20.0, 0.0]), torch.tensor([0.0, -8.0]))
+    told = hidden & (batch.expected_weight > 0)
+    torch.testing.assert_close(batch.expected_xy[told], (batch.xy + gone_to)[told], rtol=0, atol=0.01)
+
+
+def test_where_all_targets_are_known_nothing_is_expected():
+    full = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
+    batch = draw(Sampler(make_pool(confidence=full), config(candidates=2, hidden_share=0.5)), 5)
+    assert (batch.confidence == 1).all()
+    assert not batch.expected_weight.any()
+
+
+def test_hidden_points_are_expected_where_hard_ones_come_last():
+    confidence = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
+    confidence[..., ::2] = 0
+    changes = {"candidates": 2, "hidden_share": 0.2, "hard_mining": 0.3}
+    batch = draw(
+        Sampler(make_pool(confidence=confidence, moving=np.zeros((FRAMES, POINTS), np.uint8)), config(**changes)), 5
+    )
+    assert ((batch.expected_weight > 0) <= (batch.confidence == 0)).all()
+    assert (batch.expected_weight > 0).any()
+
+
 def test_errors_are_remembered_where_the_target_is_known():
     sampler = Sampler(make_pool(), config())
     batch = Batch(
@@ -200,6 +255,8 @@ def test_errors_are_remembered_where_the_target_is_known():
         feature=torch.zeros(1, 2, 2),
         moving=torch.zeros(1, 2),
         masked=torch.ones(1, 2),
+        expected_xy=torch.zeros(1, 2, 2),
+        expected_weight=torch.zeros(1, 2),
     )
     sampler.note_errors(batch, torch.tensor([[9.0, 9.0]]))
     assert sampler.errors[2, 5] == 5  # halfway from 1

@@ -39,6 +39,8 @@ def some_batch(seed: int, pairs: int = PAIRS) -> Batch:
         feature=uniform(FEATURE),
         moving=moving,
         masked=torch.ones(pairs, POINTS),
+        expected_xy=xy + 6 * uniform(2) - 3,
+        expected_weight=uniform(),
     )
 
 

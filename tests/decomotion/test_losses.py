@@ -183,6 +183,8 @@ def an_example() -> tuple[Prediction, Batch]:
         feature=drawn((*shape, 3), 4),
         moving=masked * drawn(shape, 5),
         masked=masked,
+        expected_xy=xy - 5 * drawn((*shape, 2), 6),
+        expected_weight=drawn(shape, 7),
     )
     model = randomised(tiny_model("cpu"), 0.3)
     return model.predict(xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(0)), batch
@@ -206,7 +208,11 @@ def test_every_loss_is_what_its_equation_says():
     def beyond(depths: Tensor) -> Tensor:
         return (depths - depths.clamp(0, 2)).square().mean()
 
+    def surprising(xy: Tensor) -> Tensor:
+        return b.expected_weight * 2 * torch.log1p((xy - b.expected_xy).abs().sum(-1) / 2)
+
     expected = {
+        "flow_hidden": (moving * surprising(p.dynamic_xy) + still * surprising(p.static_xy)).mean(),
         "flow_dynamic": (c * moving * away(p.dynamic_xy)).mean(),
         "flow_static": (c * still * away(p.static_xy)).mean(),
         "flow_fused": (c * away(p.fused_xy)).mean(),

@@ -92,6 +92,8 @@ def batch(device: str) -> Batch:
         feature=torch.nn.functional.normalize(uniform(FEATURE) - 0.5, dim=-1),
         moving=(uniform() < 0.5).double(),
         masked=torch.ones(PAIRS, POINTS),
+        expected_xy=xy + 6 * uniform(2) - 3,
+        expected_weight=uniform(),
     ).to(torch.device(device))
 
 

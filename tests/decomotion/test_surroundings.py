@@ -1,0 +1,93 @@
+"""Where hidden points are expected: by a motion that is known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from decomotion.data.surroundings import FEWEST, REACH, expected
+
+TURN, SCALE, SHIFT = math.radians(25), 1.3, (7.0, -4.0)
+
+
+def moved(xy: Tensor) -> Tensor:
+    """Turned, scaled and shifted."""
+    cos, sin = SCALE * math.cos(TURN), SCALE * math.sin(TURN)
+    return xy @ torch.tensor([[cos, sin], [-sin, cos]]) + torch.tensor(SHIFT)
+
+
+def links(count: int = 60, seed: int = 0) -> tuple[Tensor, Tensor]:
+    """Where they begin, in a field of 90 x 50 units, and end."""
+    begin = torch.rand(1, count, 2, generator=torch.Generator().manual_seed(seed)) * torch.tensor([90.0, 50.0])
+    return begin, moved(begin)
+
+
+POINTS = torch.tensor([[[40.0, 20.0], [120.0, 30.0], [45.0, -30.0]]])
+
+
+def alike(begin: Tensor, points: Tensor = POINTS) -> Tensor:
+    """All links tell all points."""
+    return torch.ones(1, points.shape[1], begin.shape[1])
+
+
+def test_a_similarity_is_found_within_and_beyond_what_is_known():
+    begin, end = links()
+    found = expected(POINTS, begin, end, alike(begin))
+    torch.testing.assert_close(found.xy, moved(POINTS), rtol=0, atol=0.1)
+
+
+def test_wrong_links_hardly_count():
+    begin, end = links()
+    end[0, ::5] += torch.tensor([30.0, 55.0])
+    found = expected(POINTS[:, :1], begin, end, alike(begin)[:, :1])
+    torch.testing.assert_close(found.xy, moved(POINTS[:, :1]), rtol=0, atol=0.5)
+
+
+def test_near_links_decide_where_motions_differ():
+    """What is left of 45 stands, what is right of it moves by 20."""
+    begin, _ = links(200)
+    end = begin + torch.where(begin[..., :1] < 45, 0.0, 20.0) * torch.tensor([1.0, 0.0])
+    points = torch.tensor([[[15.0, 25.0], [75.0, 25.0]]])
+    found = expected(points, begin, end, alike(begin, points))
+    torch.testing.assert_close(found.xy - points, torch.tensor([[[0.0, 0.0], [20.0, 0.0]]]), rtol=0, atol=1.0)
+
+
+def test_links_of_another_part_do_not_count():
+    begin, end = links()
+    other = begin + 50
+    weight = torch.cat([alike(begin), 0 * alike(begin)], dim=-1)
+    found = expected(
+        POINTS, torch.cat([begin, POINTS, begin[:, 3:]], dim=1), torch.cat([end, POINTS, other[:, 3:]], 1), weight
+    )
+    torch.testing.assert_close(found.xy, moved(POINTS), rtol=0, atol=0.1)
+    apart = torch.cdist(POINTS, begin).amin(-1)
+    torch.testing.assert_close(
+        found.weight, torch.exp(-apart / REACH)
+    )  # not by those that lie at the points themselves
+
+
+def test_few_links_tell_nothing():
+    begin, end = links(count=int(FEWEST))
+    assert (expected(POINTS, begin, end, alike(begin)).weight > 0).all()
+    found = expected(POINTS, begin, end, 0.99 * alike(begin))
+    assert not found.weight.any()
+    assert torch.equal(expected(POINTS, begin, end, 0 * alike(begin)).xy, POINTS)
+
+
+def test_links_that_begin_at_one_place_are_a_shift():
+    begin = torch.full((1, 20, 2), 30.0)
+    found = expected(POINTS, begin, begin + torch.tensor([3.0, 5.0]), alike(begin))
+    torch.testing.assert_close(found.xy, POINTS + torch.tensor([3.0, 5.0]))
+
+
+@pytest.mark.parametrize("pairs", [1, 3])
+def test_each_pair_has_its_own_motion(pairs: int):
+    begin, end = links()
+    shifts = torch.arange(pairs)[:, None, None] * torch.tensor([11.0, 0.0])
+    found = expected(
+        POINTS.expand(pairs, -1, -1), begin.expand(pairs, -1, -1), end + shifts, alike(begin).expand(pairs, -1, -1)
+    )
+    torch.testing.assert_close(found.xy, moved(POINTS) + shifts, rtol=0, atol=0.1)
