@@ -93,11 +93,12 @@ def memory_of(processes: Sequence[int]) -> Memory:
 
 
 def disk_of(folder: Path) -> int:
-    """Bytes that the files below a folder take."""
+    """Bytes that the files below a folder take; what is removed meanwhile does not count."""
     size = 0
-    for file in folder.rglob("*"):
-        with suppress(OSError):
-            size += file.stat().st_blocks * 512
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                size += os.stat(os.path.join(parent, name)).st_blocks * 512
     return size
 
 
