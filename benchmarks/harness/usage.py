@@ -98,7 +98,7 @@ def disk_of(folder: Path) -> int:
     for parent, _, names in os.walk(folder):
         for name in names:
             with suppress(OSError):
-                size += os.stat(os.path.join(parent, name)).st_blocks * 512
+                size += Path(parent, name).stat().st_blocks * 512
     return size
 
 

@@ -31,7 +31,7 @@ class Expected(NamedTuple):
     xy: Float[Tensor, "pair point 2"]
     """Where they are expected, in units."""
     weight: Float[Tensor, "pair point"]
-    """In [0, 1]; 0 where nothing is known around."""
+    """In [0, 1]: the share of the links around that move alike, less the farther they are; 0 where there are few."""
 
 
 def expected(
@@ -50,11 +50,13 @@ def expected(
     """
     apart = torch.cdist(xy, known_xy)
     near = weight / (apart + NEAREST) ** 2
-    moved, deviation = _moved(xy, known_xy, known_target, near)
-    for _ in range(ROUNDS - 1):
-        moved, deviation = _moved(xy, known_xy, known_target, near / (1 + (deviation / DEVIATION) ** 2))
+    agreeing, moved = near, xy
+    for _ in range(ROUNDS):
+        moved, deviation = _moved(xy, known_xy, known_target, agreeing)
+        agreeing = near / (1 + (deviation / DEVIATION) ** 2)
+    agreement = agreeing.sum(-1) / near.sum(-1).clamp_min(1e-9)
     nearest = torch.where(weight > 0, apart, torch.inf).amin(-1)
-    return Expected(moved, torch.where(weight.sum(-1) >= FEWEST, torch.exp(-nearest / REACH), 0.0))
+    return Expected(moved, torch.where(weight.sum(-1) >= FEWEST, agreement * torch.exp(-nearest / REACH), 0.0))
 
 
 def _moved(
