@@ -34,10 +34,12 @@ def test_there_and_back_through_plain_values(preset: str):
 def test_omnimotion_is_cpu_but_for_the_decomposition():
     """Whatever else changes in `cpu` changes in both."""
     single, fused = load("omnimotion"), load("cpu")
-    assert single.optim == fused.optim
+    assert single.optim == fused.optim.model_copy(update={"hidden_share": 0})
+    assert fused.optim.hidden_share > 0
+    assert fused.loss["flow_hidden"] > 0  # one without the other is of no use
     assert single.data == fused.data.model_copy(update={"masks": "none", "features": "none"})
     guided = {f"{kind}_{volume}" for kind in ("flow", "photometric") for volume in ("static", "dynamic")}
-    off = {*guided, "feature", "segmentation"}
+    off = {*guided, "flow_hidden", "feature", "segmentation"}
     assert single.loss == {name: 0 if name in off else weight for name, weight in fused.loss.items()}
     assert single.model.volumes == "dynamic"
     unchanged = {"volumes": "fused", "dynamic": fused.model.dynamic}
