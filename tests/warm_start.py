@@ -14,6 +14,7 @@ import socket
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def serve(address: Path) -> None:
     """Loads torch, says so in a line, then forks for each command that `call` hands over, until its input ends."""
     import torch  # noqa: F401
 
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # children that have ended are forgotten
+    signal.signal(signal.SIGCHLD, _reap)
     with socket.socket(socket.AF_UNIX) as door:
         door.bind(str(address))
         door.listen()
@@ -77,6 +78,13 @@ def _run(line: socket.socket) -> None:
     sys.stderr.flush()
     line.sendall(str(int(code or 0)).encode())
     os._exit(0)
+
+
+def _reap(*_: object) -> None:
+    """Forgets children that have ended; their time is counted as this process's."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
 
 
 def _end_with(line: socket.socket) -> None:
