@@ -134,7 +134,7 @@ TOGETHER = (
     ("tests/decomotion/test_metamorphic.py",),
     ("tests/test_wheel.py",),
     ("tests/eval/test_bench.py", "tests/decomotion/test_batch_run.py::test_on_ray"),
-    ("tests/docs/test_tutorials.py::test_what_a_tutorial_says_works",),
+    ("tests/docs/test_tutorials.py", "tests/docs/test_notebooks.py"),
     ("tests/runtime/test_view_clip.py",),
 )
 """Tests that share what takes long to make, or fill two cores: each of these stays on one worker."""

@@ -91,7 +91,7 @@ def _in_folder(folder: Path) -> list[Entry]:
         )
     clips = [each for each in visible if _is_clip(each)]
     if left := [each.name for each in visible if each not in clips]:
-        logger.warning("in %s, no clips: %s", folder, ", ".join(left))
+        logger.warning("in %s, left out for being no clips: %s", folder, ", ".join(left))
     return [_entry(str(each.absolute())) for each in clips]
 
 

@@ -57,7 +57,8 @@ class Results:
         """Raises `TrainingError` where some of the clips, called `what`, failed."""
         if self.failed:
             reasons = "; ".join(f"{outcome.name}: {outcome.error}" for outcome in self.failed)
-            raise TrainingError(f"{len(self.failed)} {what} failed, the same command tries them again ({reasons})")
+            those = f"{len(self.failed)} of {len(self.failed) + len(self.finished)} {what}"
+            raise TrainingError(f"{those} failed, the same command tries them again ({reasons})")
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON types."""

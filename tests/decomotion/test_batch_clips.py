@@ -34,7 +34,7 @@ def test_a_folder_holds_videos_and_folders_of_frames(folder: Path, caplog: pytes
         entries = read_clips(folder)
     assert [entry.name for entry in entries] == ["b.run", "frames", "omni", "walk"]
     assert [entry.source for entry in entries][::3] == [str(folder / "b.run.mov"), str(folder / "walk.MP4")]
-    assert f"in {folder}, no clips: empty, notes.txt" in caplog.text
+    assert f"in {folder}, left out for being no clips: empty, notes.txt" in caplog.text
 
 
 def test_a_list_names_them_from_its_own_folder_on(

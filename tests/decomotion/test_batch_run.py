@@ -128,11 +128,12 @@ def test_one_bad_clip_does_not_stop_the_others(batch: Batch, clips: Path, capsys
     assert batch(of="list.txt") == 1
     said = capsys.readouterr().err
     assert "one: train ended with exit code 1: Error: no such luck" in said
+    assert "2 of 3 clips failed" in said
     assert "absent: [Errno 2] No such file" in said
     assert calls("one") == ["train", "train"]
     assert calls("two <b>") == ALL
     page = Path("out/index.html").read_text()
-    assert "1 clips finished, 2 failed" in page
+    assert "Clips: 1 finished, 2 failed" in page
     assert "Error: no such luck" in page
     assert "<b>" not in page
     assert "two &lt;b&gt;" in page
@@ -220,7 +221,7 @@ def test_on_ray(batch: Batch, ray_address: str, capsys: pytest.CaptureFixture[st
     assert batch(*on_ray) == 0
     assert (calls("one"), calls("two <b>")[4:]) == (["train", *ALL], ["track", "picture"])
     assert json.loads(Path("out/summary.json").read_text())["jobs"] == 2  # what has room
-    assert "2 clips finished" in Path("out/index.html").read_text()
+    assert "Clips: 2 finished" in Path("out/index.html").read_text()
 
 
 INTERRUPTED = """

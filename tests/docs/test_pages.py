@@ -97,6 +97,18 @@ def test_cells_of_tables_are_short(page: Path):
     assert [cell for row in rows for cell in row.split("|") if len(cell) > 500] == []
 
 
+def test_no_two_pages_have_one_title():
+    titles = [page.read_text().partition("\n")[0] for page in [*PAGES[1:], *LOG] if page.name != "index.md"]
+    assert sorted(title for title in set(titles) if titles.count(title) > 1) == []
+
+
+def test_what_was_not_run_is_said_in_one_place():
+    place = (ROOT / "docs" / "limits.md").read_text().split("\n## What was not run\n")[1]
+    assert [what for what in ("Windows", "macOS", "hosted notebook", "PyPI", "3.13") if what not in place] == []
+    for page in ("docs/index.md", "docs/install.md"):
+        assert "limits.md#what-was-not-run" in (ROOT / page).read_text()
+
+
 @pytest.mark.parametrize("page", LOG, ids=named)
 def test_an_entry_of_the_log_says_what_was_measured_or_decided(page: Path):
     for entry in re.split(r"^### (?=[SKM]\d+$)", page.read_text(), flags=re.MULTILINE)[1:]:

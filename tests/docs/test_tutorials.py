@@ -8,18 +8,21 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from children import run_with_all
+import warm_start
+from children import child, run_with_all
 from docs_pages import ROOT, SOURCES, Block, blocks, missing, write_commands
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 SECONDS = 600
 """That a block may take: some ten are usual."""
+SESSION = 7200
+"""That all of them may take."""
 LANGUAGES = {"sh", "python", "text", "csv", "yaml"}
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]  # on a machine that does much else
@@ -34,18 +37,23 @@ class Begun:
 
 
 @pytest.fixture(scope="session")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     """Of a shell that has this tree's commands, and one thread."""
-    commands = write_commands(tmp_path_factory.mktemp("bin"), sys.executable)
-    paths = [str(commands), str(Path(sys.executable).parent), os.environ["PATH"]]
-    return {
+    folder = tmp_path_factory.mktemp("bin")
+    paths = [str(write_commands(folder, sys.executable)), str(Path(sys.executable).parent), os.environ["PATH"]]
+    variables = {
         **os.environ,
         "PATH": os.pathsep.join(paths),
         "PYTHONPATH": os.pathsep.join(SOURCES),
         "PYTHONUTF8": "1",
         "OMP_NUM_THREADS": "1",
         "MPLBACKEND": "Agg",
+        warm_start.ADDRESS: str(folder / "warm"),
     }
+    with child([sys.executable, warm_start.__file__, folder / "warm"], variables, SESSION) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline() == "ready\n"
+        yield variables
 
 
 def run(block: Block, environment: dict[str, str], folder: Path, seconds: float = SECONDS) -> str:
@@ -112,12 +120,51 @@ def test_a_block_that_does_not_end_is_ended_with_its_children(environment: dict[
     block = Block("sh", "sleep 60 & echo $! > child; wait", 1)
     with pytest.raises(subprocess.TimeoutExpired):
         run(block, environment, tmp_path, seconds=1)
-    child = int((tmp_path / "child").read_text())
+    assert _ends(int((tmp_path / "child").read_text()))
+
+
+WARM = """
+import os, subprocess, sys
+
+def main():
+    print(sys.argv[1:], os.environ["SAID"], os.getcwd(), "torch" in sys.modules)
+    print("to errors", file=sys.stderr)
+    if "wait" in sys.argv:
+        open("children", "w").write(f"{os.getpid()} {subprocess.Popen(['sleep', '60']).pid}")
+        os.rename("children", "child")
+        os.wait()
+    if "fail" in sys.argv:
+        raise RuntimeError("no such luck")
+    sys.exit(int(sys.argv[-1]))
+"""
+CALL = "import sys, warm_start; sys.exit(warm_start.call('told', 'main'))"
+
+
+def test_a_warm_command_is_like_one_of_its_own(
+    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("told.py").write_text(WARM)
+    own = {**environment, "SAID": "so", "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT / "tests")])}
+    called = [sys.executable, "-c", CALL]
+    answer = run_with_all([*called, "a b", "3"], tmp_path, own, SECONDS)
+    assert answer == (3, f"['a b', '3'] so {tmp_path} True\nto errors\n")
+    code, printed = run_with_all([*called, "fail"], tmp_path, own, SECONDS)
+    assert code == 1
+    assert printed.endswith("RuntimeError: no such luck\n")
+    with child([*called, "wait"], own) as waiting:
+        while waiting.poll() is None and not Path("child").exists():
+            time.sleep(0.05)
+        waiting.kill()
+        assert all(_ends(int(each)) for each in Path("child").read_text().split())
+
+
+def _ends(process: int) -> bool:
     for _ in range(100):
-        if not _is_alive(child):
-            return
+        if not _is_alive(process):
+            return True
         time.sleep(0.05)
-    pytest.fail("the child lives on")
+    return False
 
 
 def _is_alive(process: int) -> bool:

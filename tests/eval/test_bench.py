@@ -261,7 +261,7 @@ def test_a_damaged_shard_costs_its_videos(
     (shards / "2_of_3.pkl").write_bytes(b"cposix\nsystem\n(Vtouch executed\ntR.")
     assert bench(of=shards) == 1
     said = capsys.readouterr().err
-    assert "2 videos failed" in said
+    assert "2 of 3 videos failed" in said
     assert "0_of_3.pkl is not readable as a TAP-Vid pickle" in said
     assert "2_of_3.pkl was refused, nothing in it executed" in said
     assert not Path("executed").exists()
