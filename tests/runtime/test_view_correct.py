@@ -20,7 +20,7 @@ from playwright.sync_api import expect
 from view_page import ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Dialog
 
 NUM_FRAMES, HEIGHT, WIDTH = 7, 36, 52
 SIZE = {"num_frames": NUM_FRAMES, "height": HEIGHT, "width": WIDTH}
@@ -203,6 +203,36 @@ def test_tracks_are_opened_again_as_points(view: ViewPage, tmp_path: Path):
     view.drop(saved)
     expect(view.rows).to_have_count(2)
     np.testing.assert_array_equal(view.tracks(tmp_path).queries, before.queries)
+
+
+def test_a_page_with_unsaved_work_asks_before_it_goes(view: ViewPage, tmp_path: Path):
+    asked: list[str] = []
+
+    def answer_and_go(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    def reload() -> list[str]:
+        asked.clear()
+        view.page.reload()
+        view.wait_until_open()
+        return asked
+
+    view.page.on("dialog", answer_and_go)
+    try:
+        view.click(12, 20)
+        assert reload() == []
+        view.click(12, 20)
+        view.seek(2)
+        view.move(answer(12, 20, 2), (20, 30))
+        project = view.save("project.json", tmp_path)
+        view.page.locator("#mark-hidden").click()
+        assert reload() == ["beforeunload"]
+        view.open(project)
+        expect(view.page.locator("#corrections li")).to_have_count(1)
+        assert reload() == []
+    finally:
+        view.page.remove_listener("dialog", answer_and_go)
 
 
 def test_corrected_by_keyboard_alone(view: ViewPage, tmp_path: Path):
