@@ -31,18 +31,18 @@ from decomo_runtime.view.site import read_inputs, write_site
 from decomotion.console import run
 from page import FLAGS, PATIENCE
 
-SIZE = {"points": (900, 720), "split": (900, 720), "draw": (900, 800), "mask": (1024, 720), "refit": (1280, 800)}
+SIZE = {"points": (900, 720), "split": (900, 720), "draw": (900, 800), "mask": (1024, 720), "refit": (1100, 1080)}
 STILL = 10_000
 """Milliseconds without a change after which a picture is taken to be final."""
 QUALITY = 88
 COPY = "import shutil, sys; at = sys.argv.index('--out'); shutil.copytree({!r}, sys.argv[at + 1])"
 
-GOAT = ((410, 180), (470, 130), (365, 330), (375, 265), (80, 360), (560, 330), (250, 170))
+GOAT = ((410, 180), (470, 130), (365, 330), (375, 265), (80, 360), (640, 250), (250, 170))
 CROWD = ((60, 190), (350, 300), (590, 150), (690, 200), (770, 180), (490, 175))
 FOOT = (575, 132)
 """Of parkour, in frame 0; and where it belongs, as TAP-Vid annotates it."""
 CORRECTIONS = {12: (531.7, 247.7), 24: (522.8, 156.6)}
-BESIDE = ((532, 104), (573, 86), (544, 77), (543, 211))
+BESIDE = ((560, 101), (573, 86), (543, 211))
 FORELEG = ((482, 278), (508, 270), (512, 345), (533, 383), (496, 390), (488, 332), (482, 278))
 NO_CAMEL = ((119, 240), (114, 270), (108, 300))
 SIGN = ((619, 29), (801, 119))
@@ -59,7 +59,8 @@ class Hand:
     width: int
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """In CSS pixels of the window."""
+        """In CSS pixels of the window, whose top is shown."""
+        self.page.evaluate("scrollTo(0, 0)")
         box = self.page.locator("#stage").bounding_box()
         assert box is not None
         scale = box["width"] / self.width
@@ -171,6 +172,7 @@ def refit(hand: Hand) -> Picture:
     hand.page.locator("#trails").fill("30")
     hand.page.locator("#refit-begin").click()
     expect(hand.page.locator("#refit-verdict")).to_be_visible()
+    hand.page.evaluate("scrollTo(0, 0)")
     return hand.shot()
 
 

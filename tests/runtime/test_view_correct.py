@@ -321,6 +321,20 @@ def test_a_refit_is_compared_and_taken(refitted: ViewPage, bench: Bench, tmp_pat
     assert bench.left() == ["slide", "slide-corrected"]
 
 
+def test_the_verdict_waits_until_the_new_model_is_there(refitted: ViewPage, bench: Bench):
+    page, held = refitted.page, []
+    page.route("**/refit-1.onnx", lambda route: held.append(route))  # which answers when it is told to
+    bench.let_go()
+    with page.expect_request("**/refit-1.onnx"):
+        page.locator("#refit-begin").click()
+    expect(page.locator("#refit-said")).to_have_text("Opening the new model …")
+    expect(page.locator("#refit-verdict")).to_be_hidden()
+    (route,) = held
+    route.continue_()
+    expect(page.locator("#refit-verdict")).to_be_visible()
+    expect(page.locator("#refit-figures")).to_contain_text("Given places are missed by")
+
+
 def test_a_refit_is_rejected_and_the_next_one_goes_on_from_the_old_run(refitted: ViewPage, bench: Bench):
     page = refitted.page
     bench.let_go()
