@@ -597,6 +597,15 @@ def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp
             across, down = view.on_stage(x, 10)
             view.stage.tap(position={"x": across, "y": down})
             expect(view.rows).to_have_count(number)
+        looks = view.page.locator("#looks summary")
+        expect(looks).to_have_text("Picture: fused")
+        assert view.page.locator("#tools").bounding_box()["height"] < 60, "the tools are more than a row"
+        expect(view.page.locator("#layers")).to_be_hidden()
+        looks.press("Enter")
+        view.page.locator("#layers").get_by_label("Static").check(force=True)
+        view.page.locator("#split").select_option("mask")
+        expect(looks).to_have_text("Picture: static and mask")
+        looks.tap()
         assert view.page.evaluate("scrollY") == 0, "the list has scrolled the picture away"
         wide = view.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert wide <= 0, "the page scrolls sideways on a phone"

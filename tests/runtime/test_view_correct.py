@@ -20,7 +20,7 @@ from playwright.sync_api import expect
 from view_page import ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Dialog
 
 NUM_FRAMES, HEIGHT, WIDTH = 7, 36, 52
 SIZE = {"num_frames": NUM_FRAMES, "height": HEIGHT, "width": WIDTH}
@@ -205,6 +205,36 @@ def test_tracks_are_opened_again_as_points(view: ViewPage, tmp_path: Path):
     np.testing.assert_array_equal(view.tracks(tmp_path).queries, before.queries)
 
 
+def test_a_page_with_unsaved_work_asks_before_it_goes(view: ViewPage, tmp_path: Path):
+    asked: list[str] = []
+
+    def answer_and_go(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    def reload() -> list[str]:
+        asked.clear()
+        view.page.reload()
+        view.wait_until_open()
+        return asked
+
+    view.page.on("dialog", answer_and_go)
+    try:
+        view.click(12, 20)
+        assert reload() == []
+        view.click(12, 20)
+        view.seek(2)
+        view.move(answer(12, 20, 2), (20, 30))
+        project = view.save("project.json", tmp_path)
+        view.page.locator("#mark-hidden").click()
+        assert reload() == ["beforeunload"]
+        view.open(project)
+        expect(view.page.locator("#corrections li")).to_have_count(1)
+        assert reload() == []
+    finally:
+        view.page.remove_listener("dialog", answer_and_go)
+
+
 def test_corrected_by_keyboard_alone(view: ViewPage, tmp_path: Path):
     view.click(12, 20)
     view.click(40, 8)
@@ -289,6 +319,20 @@ def test_a_refit_is_compared_and_taken(refitted: ViewPage, bench: Bench, tmp_pat
     refitted.seek(1)
     refitted.expect_drawn((16, 25))
     assert bench.left() == ["slide", "slide-corrected"]
+
+
+def test_the_verdict_waits_until_the_new_model_is_there(refitted: ViewPage, bench: Bench):
+    page, held = refitted.page, []
+    page.route("**/refit-1.onnx", lambda route: held.append(route))  # which answers when it is told to
+    bench.let_go()
+    with page.expect_request("**/refit-1.onnx"):
+        page.locator("#refit-begin").click()
+    expect(page.locator("#refit-said")).to_have_text("Opening the new model …")
+    expect(page.locator("#refit-verdict")).to_be_hidden()
+    (route,) = held
+    route.continue_()
+    expect(page.locator("#refit-verdict")).to_be_visible()
+    expect(page.locator("#refit-figures")).to_contain_text("Given places are missed by")
 
 
 def test_a_refit_is_rejected_and_the_next_one_goes_on_from_the_old_run(refitted: ViewPage, bench: Bench):

@@ -41,7 +41,7 @@ SUREST = 0.95
 """Chance that a single one of the three may give."""
 FALL = 2.0
 """Power by which a point is seen worse in an annotated frame as the expected error grows, in units."""
-SPECK = 1 / 200
+SPECK = 1 / 100
 """Parts of a mask that are smaller than this share of its largest are left out."""
 LEAST_COMMON = 16
 """Pixels of the raster that two annotated frames must both have on an object to be compared."""

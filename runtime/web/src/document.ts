@@ -48,6 +48,8 @@ export class Document {
   private readonly past: Content[] = [];
   private readonly future: Content[] = [];
   private current = EMPTY;
+  /** What would be there again from a file. */
+  private kept: Pick<Content, "corrections" | "drawings"> = EMPTY;
   private lastId = 0;
   private lastDrawing = 0;
 
@@ -75,6 +77,16 @@ export class Document {
 
   get canRedo(): boolean {
     return this.future.length > 0;
+  }
+
+  /** Whether work of the hand, which corrections and drawings are, would be lost with the page. */
+  get isUnsaved(): boolean {
+    return (["corrections", "drawings"] as const).some((part) => this.current[part].length > 0 && this.current[part] !== this.kept[part]);
+  }
+
+  /** A part of it is in a file now. */
+  keep(...parts: readonly ("corrections" | "drawings")[]): void {
+    for (const part of parts) this.kept = { ...this.kept, [part]: this.current[part] };
   }
 
   /** The points of now, and those that undo and redo can bring. */

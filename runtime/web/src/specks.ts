@@ -1,7 +1,7 @@
 /** Specks of a carried mask: held to the same table as `without_specks` of `decomo_runtime/propagation/regions.py`. */
 
 /** Parts of a mask that are smaller than this share of its largest are left out. */
-const SPECK = 1 / 200;
+const SPECK = 1 / 100;
 /** Of alpha: more is the mask, what is less and next to it is its soft rim. */
 const SOLID = 127;
 

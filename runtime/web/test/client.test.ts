@@ -10,7 +10,7 @@ vi.mock("../src/model/facts", async (original) => ({
 interface Asked {
   readonly id: number;
   readonly kind: string;
-  readonly args: { session: number; queries: Float32Array; frames: number[]; model: ArrayBuffer };
+  readonly args: { session: number; queries: Float32Array; frames: number[]; model: ArrayBuffer; prepared: boolean };
 }
 
 /** A model of frames of nothing; `read` is what was read of it. */
@@ -66,6 +66,14 @@ it("a closed model refuses to answer", async () => {
   await model.render(new Float32Array(3));
   model.close();
   await expect(model.render(new Float32Array(3))).rejects.toThrow("The model was closed before it had answered.");
+});
+
+it.each([[16 * 2 ** 20, true], [16 * 2 ** 20 + 1, false]])("of a model file of %d bytes, what is to be prepared: %s", async (length, prepared) => {
+  const bytes = new Uint8Array(length);
+  bytes[0] = 1;
+  const model = await Model.open("m.onnx", { has: () => true, read: async () => bytes.buffer });
+  expect(FakeWorker.asked.filter(({ kind }) => kind === "open").map(({ args }) => args.prepared)).toEqual([prepared]);
+  model.close();
 });
 
 describe("a model folder", () => {

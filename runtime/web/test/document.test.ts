@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { Document, changed, colourOf, corrected, withoutCorrection, withoutCorrections, withoutPoint, withoutPoints } from "../src/document";
+import { marked } from "../src/drawings";
 
 const draft = (x: number) => ({ t: 0, x, y: 0 });
 const at = (x: number, y: number) => ({ x, y });
@@ -34,6 +35,26 @@ describe("the document", () => {
     for (let step = 0; step < 9; step++) document.undo();
     expect(document.content).toEqual({ points: [], corrections: [], drawings: [] });
     expect(document.canUndo).toBe(false);
+  });
+
+  it("is unsaved where corrections or drawings are in no file", () => {
+    const document = two();
+    expect(document.isUnsaved).toBe(false); // points are quickly placed again
+    document.change((content) => corrected(content, { point: 2, t: 3, place: null }));
+    expect(document.isUnsaved).toBe(true);
+    document.keep("corrections");
+    expect(document.isUnsaved).toBe(false);
+    const layer = document.newDrawing("paint", "static");
+    document.change((content) => marked(content, layer, []));
+    expect(document.isUnsaved).toBe(true);
+    document.keep("corrections", "drawings");
+    expect(document.isUnsaved).toBe(false);
+    document.undo();
+    expect(document.isUnsaved).toBe(false);
+    document.redo();
+    document.change((content) => withoutPoint(content, 1));
+    document.change(withoutCorrections);
+    expect(document.isUnsaved).toBe(false);
   });
 
   it("has one correction of a point in a frame, in the order of points and frames", () => {

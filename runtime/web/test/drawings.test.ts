@@ -1,8 +1,13 @@
+import { readFileSync } from "node:fs";
 import { encode } from "fast-png";
 import { describe, expect, it } from "vitest";
 import { Document } from "../src/document";
 import { type Mark, drawnFrames, marked, redrawn, reordered, withoutDrawing } from "../src/drawings";
 import { frameInName, labelPng, readLabels } from "../src/files/labels";
+
+const LABEL_PNGS: { what: string; png: string; labels: number[][] | null }[] = JSON.parse(
+  readFileSync(new URL("../../../tests/recorded/label_pngs.json", import.meta.url), "utf8"),
+);
 
 const mark = (t: number): Mark => ({ kind: "area", t, ink: null, corners: [] });
 const SIZE = { width: 5, height: 3 };
@@ -62,6 +67,12 @@ describe("label images", () => {
     expect([...read]).toEqual(Array.from({ length: 15 }, (_, index) => index % 2 ** bits));
   });
 
+  it.each(LABEL_PNGS)("reads as decomo-propagate does: $what", ({ png, labels }) => {
+    const read = (): number[] => [...readLabels("m.png", Uint8Array.from(atob(png), (letter) => letter.charCodeAt(0)), SIZE)];
+    if (labels === null) expect(read).toThrow("m.png has colours");
+    else expect(read()).toEqual(labels.flat());
+  });
+
   it("tells the frame by the name: surely behind an @, perhaps by a number at its end", () => {
     expect(frameInName("cat@12.png", 30)).toEqual({ t: 12, sure: true });
     expect(frameInName("00012.png", 30)).toEqual({ t: 12, sure: false });
@@ -73,7 +84,7 @@ describe("label images", () => {
   it("says what is wrong", () => {
     const png = (given: object): Uint8Array => encode({ ...SIZE, data: labels, channels: 1, depth: 8, ...given });
     expect(() => readLabels("m.png", Uint8Array.of(1, 2), SIZE)).toThrow("m.png does not decode as a PNG");
-    expect(() => readLabels("m.png", png({ channels: 3, data: new Uint8Array(45) }), SIZE)).toThrow("has colours");
+    expect(() => readLabels("m.png", png({ channels: 3, data: Uint8Array.from({ length: 45 }, (_, index) => index) }), SIZE)).toThrow("has colours");
     expect(() => readLabels("m.png", png({}), { width: 3, height: 5 })).toThrow("is 5x3 but the clip is 3x5");
     expect(() => readLabels("m.png", png({ data: new Uint8Array(15) }), SIZE)).toThrow("is black");
     expect(() => readLabels("m.png", png({ data: new Uint16Array(15).fill(300), depth: 16 }), SIZE)).toThrow("above 255");

@@ -5,7 +5,11 @@ import type { Size } from "../geometry";
 import { MOST_LABEL } from "../drawings";
 import { InputError } from "../model/facts";
 
-/** The labels of a PNG of grey values, or with a palette, [height * width]; `InputError` where it is none of this size. */
+/**
+ * The labels of a PNG of grey values, also saved as RGB, or with a palette, [height * width]; what is transparent is no
+ * object's. `InputError` where it is none of this size. Held to the same table as `png.py` of
+ * `decomo_runtime/propagation/formats`.
+ */
 export function readLabels(name: string, bytes: Uint8Array, { width, height }: Size): Uint8Array | Uint16Array {
   let png: DecodedPng;
   try {
@@ -13,13 +17,13 @@ export function readLabels(name: string, bytes: Uint8Array, { width, height }: S
   } catch {
     throw new InputError(`${name} does not decode as a PNG; give a label image, whose values are numbers of objects.`);
   }
-  if (png.channels !== 1) {
-    throw new InputError(`${name} has colours; give a label image: grey values or a palette, whose values are numbers of objects.`);
-  }
   if (png.width !== width || png.height !== height) {
     throw new InputError(`${name} is ${png.width}x${png.height} but the clip is ${width}x${height}; give one that was drawn on this clip.`);
   }
-  const labels = unpacked(png);
+  const labels = greys(png);
+  if (labels === undefined) {
+    throw new InputError(`${name} has colours; give a label image: grey values or a palette, whose values are numbers of objects.`);
+  }
   if (labels.every((label) => label === 0)) throw new InputError(`${name} is black: no pixel of it is an object's.`);
   if (labels.some((label) => label > MOST_LABEL)) throw new InputError(`${name} has an object above ${MOST_LABEL}; number them from 1 on.`);
   return labels;
@@ -44,14 +48,26 @@ export function frameInName(name: string, numFrames: number): NamedFrame | undef
 /** Grey, 8 bits. */
 export const labelPng = ({ width, height }: Size, labels: Uint8Array): Uint8Array => encode({ width, height, data: labels, channels: 1, depth: 8 });
 
-/** One value for each pixel, of which the file has some in one byte. */
-function unpacked({ data, depth, width, height }: DecodedPng): Uint8Array | Uint16Array {
-  if (data instanceof Uint16Array) return data;
-  if (depth >= 8) return Uint8Array.from(data);
+/** One value for each pixel, 0 where it is transparent; undefined where one that is not has a colour. */
+function greys({ data, depth, channels, width, height, palette }: DecodedPng): Uint8Array | Uint16Array | undefined {
+  if (depth < 8) return unpacked(data, depth, { width, height }, palette ? 1 : 255 / (2 ** depth - 1));
+  const labels = data instanceof Uint16Array ? new Uint16Array(width * height) : new Uint8Array(width * height);
+  const [hasColours, hasAlpha] = [channels > 2, channels % 2 === 0];
+  for (let pixel = 0; pixel < labels.length; pixel++) {
+    const at = channels * pixel;
+    if (hasAlpha && data[at + channels - 1] === 0) continue;
+    if (hasColours && (data[at + 1] !== data[at] || data[at + 2] !== data[at])) return undefined;
+    labels[pixel] = data[at] ?? 0;
+  }
+  return labels;
+}
+
+/** Values of less than 8 bits, several in a byte; rows begin with a byte. */
+function unpacked(data: DecodedPng["data"], depth: number, { width, height }: Size, scale: number): Uint8Array {
   const [perByte, stride] = [8 / depth, Math.ceil((width * depth) / 8)];
   return Uint8Array.from({ length: width * height }, (_, index) => {
     const [row, column] = [Math.floor(index / width), index % width];
     const byte = data[row * stride + Math.floor(column / perByte)] ?? 0;
-    return (byte >> (8 - depth * (1 + (column % perByte)))) & (2 ** depth - 1);
+    return scale * ((byte >> (8 - depth * (1 + (column % perByte)))) & (2 ** depth - 1));
   });
 }

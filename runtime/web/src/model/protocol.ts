@@ -19,9 +19,12 @@ export interface Opened {
   readonly threads: number;
 }
 
-/** `session`: a model that is open, by a number of the page's choice; `base`: where the page lies, with `runtime/`. */
+/**
+ * `session`: a model that is open, by a number of the page's choice; `base`: where the page lies, with `runtime/`;
+ * `prepared`: what follows from the model's numbers alone is computed once, when it is opened, and not with each answer.
+ */
 export interface Requests {
-  open: { args: { session: number; model: ArrayBuffer; base: string; backend: Backend }; answer: Opened };
+  open: { args: { session: number; model: ArrayBuffer; base: string; backend: Backend; prepared: boolean }; answer: Opened };
   close: { args: { session: number }; answer: null };
   track: { args: { session: number; queries: Float32Array; frames: readonly number[] }; answer: Tracked };
   render: { args: { session: number; queries: Float32Array }; answer: Appearance };

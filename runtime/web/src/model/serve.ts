@@ -2,7 +2,7 @@
 
 import type * as Ort from "onnxruntime-web";
 import { APPEARANCE, TRACKING } from "./contract";
-import type { Answer, Backend, Kind, Request, Requests } from "./protocol";
+import type { Answer, Kind, Request, Requests } from "./protocol";
 
 type Runtime = typeof Ort;
 
@@ -15,8 +15,7 @@ export function serve(ort: Runtime): void {
 
   async function answer(request: Request): Promise<Requests[Kind]["answer"]> {
     if (request.kind === "open") {
-      const { session, model, base, backend } = request.args;
-      sessions.set(session, await open(ort, model, base, backend));
+      sessions.set(request.args.session, await open(ort, request.args));
       return { threads: ort.env.wasm.numThreads ?? 1 };
     }
     const session = sessions.get(request.args.session);
@@ -44,7 +43,7 @@ export function serve(ort: Runtime): void {
   };
 }
 
-async function open(ort: Runtime, model: ArrayBuffer, base: string, backend: Backend): Promise<Ort.InferenceSession> {
+async function open(ort: Runtime, { model, base, backend, prepared }: Requests["open"]["args"]): Promise<Ort.InferenceSession> {
   if (ort.env.wasm.wasmBinary === undefined) {
     ort.env.logLevel = ERRORS_ONLY;
     ort.env.wasm.wasmPaths = { mjs: `${base}runtime/${backend}.mjs` };
@@ -52,6 +51,7 @@ async function open(ort: Runtime, model: ArrayBuffer, base: string, backend: Bac
   }
   const session = await ort.InferenceSession.create(new Uint8Array(model), {
     executionProviders: [backend],
+    graphOptimizationLevel: prepared ? "all" : "disabled",
     logSeverityLevel: 3,
   });
   model.transfer?.(0); // it is copied: its memory goes now, and not when this worker, which makes little garbage, collects it

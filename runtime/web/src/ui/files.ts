@@ -34,6 +34,9 @@ export function listenToFiles(app: App, view: View): void {
     const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry());
     view.attempt(filesOf(entries).then((files) => openFiles(files, app, view)));
   });
+  window.addEventListener("beforeunload", (event) => {
+    if (app.document.isUnsaved) event.preventDefault(); // the browser asks
+  });
   for (const button of document.querySelectorAll<HTMLButtonElement>("[data-save]")) {
     button.addEventListener("click", () => view.attempt(save(button, app, view)));
   }
@@ -90,8 +93,10 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     const bytes = new Uint8Array(await file.arrayBuffer());
     const points = readPoints(file.name, bytes, facts);
     const drawings = /\.json$/i.test(file.name) ? readDrawings(file.name, bytes, facts) : [];
+    const wasUnsaved = app.document.isUnsaved;
     await app.addPoints(points);
     app.sketch.open(drawings);
+    if (!wasUnsaved) app.document.keep("corrections", "drawings");
   }
 }
 
@@ -118,9 +123,13 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
   if (kind === "points.csv") download(name, pointsCsv(points), "text/csv");
   else if (kind === "tracks.csv") download(name, tracksCsv(points, facts), "text/csv");
   else if (kind === "tracks.npz") download(name, tracksNpz(points, facts) as Uint8Array<ArrayBuffer>, "application/zip");
-  else if (kind === "corrections.csv") download(name, correctionsCsv(app.document.content), "text/csv");
-  else if (kind === "project.json") download(name, projectJson(points, facts, drawings), "application/json");
-  else if (kind === "masks.zip") download(name, masksZip(drawings, app.sketch, facts) as Uint8Array<ArrayBuffer>, "application/zip");
+  else if (kind === "corrections.csv") {
+    download(name, correctionsCsv(app.document.content), "text/csv");
+    app.document.keep("corrections");
+  } else if (kind === "project.json") {
+    download(name, projectJson(points, facts, drawings), "application/json");
+    app.document.keep("corrections", "drawings");
+  } else if (kind === "masks.zip") download(name, masksZip(drawings, app.sketch, facts) as Uint8Array<ArrayBuffer>, "application/zip");
   else if (kind === "drawings.zip") {
     await busy(async () => {
       const zip = await drawingsZip(drawings, app.sketch, facts, (frame) => view.status(`Drawing frame ${frame + 1} of ${facts.numFrames} …`));

@@ -10,6 +10,8 @@ import type { View } from "./view";
 
 export class RefitPanel {
   private state: RefitState | undefined;
+  /** While the new model is being opened nothing is asked of it. */
+  private opening = false;
   /** States are shown one after the other. */
   private turn: Promise<void> = Promise.resolve();
   private readonly button = element("refit-begin", HTMLButtonElement);
@@ -52,10 +54,12 @@ export class RefitPanel {
     else progress.value = state.share;
     const said = element("refit-said", HTMLParagraphElement);
     said.textContent = hasModel(state) ? "Opening the new model …" : sentence(state);
+    this.opening = true;
     this.showContent();
     try {
       if (this.isServed) await this.follow(state); // else another model was opened: nothing to compare with
     } finally {
+      this.opening = false;
       said.textContent = sentence(state);
       this.showContent();
     }
@@ -80,7 +84,7 @@ export class RefitPanel {
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
     element("refit-why", HTMLParagraphElement).hidden = busy || app.document.corrections.length > 0;
-    element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || !this.isServed;
+    element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || this.opening || !this.isServed;
     element(`side-${app.comparison.side}`, HTMLInputElement).checked = true;
     element("refit-figures", HTMLParagraphElement).textContent = app.comparison.candidate ? figures(app) : "";
   }

@@ -16,6 +16,8 @@ import { Stage } from "./stage";
 import { Tools } from "./tools";
 
 const NO_SPLIT = "nothing";
+/** As in the style sheet. */
+const SMALL = "(max-width: 56rem)";
 const PLACING = "Click where the point belongs in this frame, or move the cross there and press Enter; Escape gives up.";
 
 export class View {
@@ -65,6 +67,10 @@ export class View {
       const title = layer[0]?.toUpperCase() + layer.slice(1);
       element("layers", HTMLFieldSetElement).append(make("label", {}, button, make("span", {}, title)));
     }
+    const small = matchMedia(SMALL);
+    const fold = (): boolean => (element("looks", HTMLDetailsElement).open = !small.matches);
+    small.addEventListener("change", fold);
+    fold();
     this.splitSelect.append(...[NO_SPLIT, ...LAYERS].map((value) => make("option", { value }, value)));
   }
 
@@ -159,6 +165,7 @@ export class View {
       option.disabled = !LAYERS.every((layer) => layer !== option.value || pictures.available(layer));
     }
     this.splitSelect.value = pictures.split ?? NO_SPLIT;
+    element("looks-said", HTMLSpanElement).textContent = [pictures.layer, pictures.split ?? []].flat().join(" and ");
     this.divider.hidden = pictures.split === undefined;
   }
 
