@@ -30,15 +30,13 @@ from decomotion.held_out import Contradicts, HeldOut
 from decomotion.losses import applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
-from decomotion.quality import Quality
+from decomotion.quality import ENOUGH_STEPS, Quality
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 
 log = logging.getLogger(__name__)
 
-ENOUGH_STEPS = 3000
-"""Steps that a starved fit is advised to take, where the time for them is not too far from what was given."""
 LONGER = 10
-"""Times the given time that it is advised to take at most."""
+"""Times the given time that a starved fit is advised to take at most, for `ENOUGH_STEPS`."""
 
 
 Stopping = Callable[[], AbstractContextManager[Event]]
