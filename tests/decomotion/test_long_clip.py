@@ -254,7 +254,7 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
         (
             [],
             "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 30 min in all, 10 min for each, "
-            "then the export (--time-budget or --steps say otherwise; less takes fewer steps, and fits of fewer than 3,00",
+            "then the export (--time-budget or --steps say otherwise; less takes fewer steps, and fits of fewer than",
         ),
         (["--jobs", "2"], "up to 8 frames, 2 at a time; 15 min in all, 10 min for each, then"),
         (
