@@ -76,10 +76,12 @@ class Footage:
         return _held(self._whole, frame, self._beside[frame] if whole is None else whole, self._most)
 
     def leave_behind(self, frame: int) -> None:
-        """Holds no whole frames longer that lie before `frame` and that it does not look at."""
+        """Holds no frames longer that lie before `frame` and that it does not look at."""
         kept = {frame, *others_of(frame, len(self))}
         for number in [each for each in self._whole if each < frame and each not in kept]:
             del self._whole[number]
+        for number in [each for each in self._small if each < frame - FAR - BESIDE]:
+            del self._small[number]
 
     def small(self, frame: int) -> Image:
         """A frame at the small size; a pixel is the mean of those that it covers."""

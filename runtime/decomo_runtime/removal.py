@@ -68,7 +68,9 @@ def _without_objects(
     known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
     if not known.all():
         rendered = objects.scene(frame)
-        scene = rendered + filled(np.nan_to_num(scene - rendered), known)
+        scene -= rendered
+        scene = filled(np.nan_to_num(scene, copy=False), known)
+        scene += rendered
     weight, own = share[region.part][..., None], made[region.part]
     made[region.part] = np.rint(weight * scene[region.part] + (1 - weight) * own).clip(0, 255)
     return made
