@@ -159,14 +159,18 @@ def command(
 
 def _announce(layout: Windows, steps: int | None, seconds: float | None, jobs: int) -> None:
     """Says what will be done and how long it will take, as far as that is known."""
+    from decomotion.quality import ENOUGH_STEPS
+
     count = len(layout.windows)
     what = f"{layout.clip}: {layout.num_frames} frames of {layout.width}x{layout.height}"
     if count > 1:
         what += f" in {count} windows of up to {max(map(len, layout.windows))} frames, {jobs} at a time"
-    how_long = "as many steps as the preset has" if steps is None else f"{steps} steps"
+    how_long, less = "as many steps as the preset has" if steps is None else f"{steps} steps", ""
     if seconds is not None:
-        how_long = f"{_spoken(seconds)} in all" if count > 1 else _spoken(seconds)
-    log.info("%s; %s (--time-budget or --steps say otherwise)", what, how_long)
+        each = f" in all, {_spoken(seconds * jobs / count)} for each" if count > 1 else ""
+        how_long = f"{_spoken(seconds)}{each}, then the export"
+        less = f"; less takes fewer steps, and fits of fewer than {ENOUGH_STEPS:,} follow worse"
+    log.info("%s; %s (--time-budget or --steps say otherwise%s)", what, how_long, less)
 
 
 def _spoken(seconds: float) -> str:

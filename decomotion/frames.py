@@ -43,6 +43,10 @@ class Source(ABC):
     def digest(self, numbers: range) -> str:
         """Of the content of those frames: 16 hexadecimal digits."""
 
+    def again(self) -> Source:
+        """The same, with a place of its own in the file: where one reads in order, the other does not lead away."""
+        return self
+
     def grey(self, number: int) -> Grey:
         """A frame as `small_grey` makes it, or nearly so where that is faster."""
         return small_grey(self.read(number))
@@ -87,6 +91,13 @@ class Frames:
 
     def __iter__(self) -> Iterator[Image]:
         return (self[number] for number in range(len(self)))
+
+    def again(self) -> Frames:
+        """The same frames for another reader, at a place of its own. None is kept: it keeps those that it needs."""
+        part = copy(self)
+        part._source = self._source.again()
+        part._read = part._source.read
+        return part
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """All of them in memory, for clips that are known to be short."""

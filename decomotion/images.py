@@ -141,4 +141,6 @@ def filled(values: Floats, weight: Floats) -> Floats:
     coarse = coarse.reshape(*half[::-1], -1) / np.maximum(coarse_weight, 1e-6)[..., None]
     coarse = filled(coarse, np.minimum(1, 4 * coarse_weight))
     around = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(values.shape)
-    return (weight[..., None] * values + (1 - weight[..., None]) * around).astype(np.float32)
+    around *= 1 - weight[..., None]
+    around += weight[..., None] * values
+    return around.astype(np.float32, copy=False)

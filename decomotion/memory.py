@@ -1,7 +1,7 @@
-"""Large arrays without page faults: with glibc, what is freed is kept for the next array.
+"""What becomes of the memory of large arrays that are freed, with glibc: kept for the next one, or given back.
 
 glibc returns every array above 32 MiB to the system at once. The next one of that size is fetched page by page, which
-takes longer than dense features need to be computed.
+takes longer than dense features need to be computed. Smaller ones leave gaps between those that stay.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import mmap
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,6 +21,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _MMAP_MAX = -1, -3, -4
 _KEPT = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, 2**31 - 1))
 _USUAL = ((_MMAP_MAX, 65536), (_MMAP_THRESHOLD, 32 << 20), (_TRIM_THRESHOLD, 64 << 20))
 """The values to which glibc adapts where large arrays come and go."""
+_RETURNED = ((_MMAP_THRESHOLD, 1 << 20),)
 
 
 @contextmanager
@@ -29,11 +30,29 @@ def kept_memory() -> Iterator[None]:
 
     Does nothing where the C library is not glibc.
     """
+    with _allocating(_KEPT):
+        yield
+
+
+@contextmanager
+def returned_memory() -> Iterator[None]:
+    """Within it each large array that is freed goes back to the system: where frames come and go among some that stay,
+    what they leave between these would add up.
+
+    Does nothing where the C library is not glibc.
+    """
+    with _allocating(_RETURNED):
+        yield
+
+
+@contextmanager
+def _allocating(options: Sequence[tuple[int, int]]) -> Iterator[None]:
+    """With these of `mallopt`, and as usual afterwards."""
     libc = _glibc()
     if libc is None:
         yield
         return
-    for option, value in _KEPT:
+    for option, value in options:
         libc.mallopt(option, value)
     try:
         yield

@@ -15,6 +15,8 @@ FILE_NAME = "quality.json"
 """In the run's folder: `docs/formats.md`."""
 FEW_STEPS = 300
 """A fit that took fewer is short of them."""
+ENOUGH_STEPS = 3000
+"""Steps that a starved fit is advised to take, where the time for them is not too far from what was given."""
 WELL_ABOVE, SLACK = 3.0, 0.5
 """A median deviation is well above what links allow from so many times their own error, and so many units more."""
 TELLING = 50

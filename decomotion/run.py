@@ -30,15 +30,14 @@ from decomotion.held_out import Contradicts, HeldOut
 from decomotion.losses import applicable
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.precision import set_precision
-from decomotion.quality import Quality
+from decomotion.quality import ENOUGH_STEPS, Quality
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
+from decomotion.windows import whole_of
 
 log = logging.getLogger(__name__)
 
-ENOUGH_STEPS = 3000
-"""Steps that a starved fit is advised to take, where the time for them is not too far from what was given."""
 LONGER = 10
-"""Times the given time that it is advised to take at most."""
+"""Times the given time that a starved fit is advised to take at most, for `ENOUGH_STEPS`."""
 
 
 Stopping = Callable[[], AbstractContextManager[Event]]
@@ -260,13 +259,13 @@ class Run:
 
     def remedy(self) -> str:
         """What to do about a starved fit."""
-        steps = max(2 * self.step, ENOUGH_STEPS)
+        steps, (folder, windows) = max(2 * self.step, ENOUGH_STEPS), whole_of(self.folder)
         more = f"--steps {steps}"
         if (given := self.budget.seconds) is not None:
             wanted = self.prepared + steps * (self.elapsed - self.prepared) / self.step
-            more = f"--time-budget {math.ceil(min(max(2 * given, wanted), LONGER * given) / 60)}m"
+            more = f"--time-budget {math.ceil(windows * min(max(2 * given, wanted), LONGER * given) / 60)}m"
         if self.pool.thinned is None:
-            return f"go on with decomo-train on the same clip with --resume --out {self.folder} {more}"
+            return f"go on with decomo-train on the same clip with --resume --out {folder} {more}"
         return f"fit the clip anew with a longer --prepare-budget and {more}, since --resume keeps the links"
 
 

@@ -82,6 +82,10 @@ class VideoFrames(Source):
             self._file.check()
             return self._found(self._index.begin + number)
 
+    def again(self) -> VideoFrames:
+        """The same, opened once more when it is first asked."""
+        return VideoFrames(self._file, self._stream, self._index)
+
     def grey(self, number: int) -> Grey:
         """The same in grey and small, as noted at the opening."""
         greys = self._index.greys

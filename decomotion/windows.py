@@ -9,6 +9,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -154,3 +155,12 @@ def split(num_frames: int, cuts: Sequence[int], longest: int) -> tuple[Window, .
         bounds += [(start, following + overlap) for start, following in pairwise(starts)]
         bounds.append((starts[-1], end))
     return tuple(Window(f"window-{number:03d}", *each) for number, each in enumerate(bounds))
+
+
+def whole_of(folder: Path) -> tuple[Path, int]:
+    """The folder of the runs of all windows, of which that in `folder` is one, and their number; else itself and 1."""
+    with suppress(InputError):
+        layout = Windows.load(folder.parent / FILE_NAME, InputError)
+        if folder.name in [window.name for window in layout.windows]:
+            return folder.parent, len(layout.windows)
+    return folder, 1

@@ -34,8 +34,8 @@ from decomotion.frame_files import decode_rgba
 from decomotion.images import filled
 
 if TYPE_CHECKING:
+    from decomo_runtime.footage import FramesByNumber
     from decomo_runtime.model_file import ModelFacts
-    from decomo_runtime.objects import FramesByNumber
     from decomo_runtime.tracker import Tracker
 
 Image = npt.NDArray[np.uint8]

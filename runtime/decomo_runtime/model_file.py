@@ -17,6 +17,7 @@ from decomo_runtime.errors import ModelFileError, SessionError
 from decomo_runtime.metadata import parsed, text
 from decomo_runtime.origin import Origin, read_origin
 from decomotion import quality
+from decomotion.memory import give_back
 from decomotion.quality import Quality
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def open_session(
     providers = [_exact(provider) for provider in providers]
     _check_providers(providers, onnxruntime.get_available_providers())
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=providers)
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
     except (ort_errors.InvalidProtobuf, ort_errors.InvalidArgument, UnicodeDecodeError) as error:
         raise ModelFileError(
             f"{path} is not an ONNX file, or it is damaged or cut short; copy it again, or {_WRITE_ONE}"
@@ -95,6 +96,8 @@ def open_session(
             f"{path} does not run in onnxruntime {onnxruntime.__version__} ({_reason(error)}); upgrade with "
             f"'pip install -U onnxruntime', or export the model again"
         ) from error
+    give_back()  # reading the graph takes twice what the session then keeps
+    return session
 
 
 def read_facts(session: onnxruntime.InferenceSession, path: Path) -> ModelFacts:

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.contract import HOLE
+from decomo_runtime.footage import BESIDE, HELD, Footage, FramesByNumber
 from decomo_runtime.layers import look, raster_size
 from decomo_runtime.raster import Raster, around, whole
 from decomo_runtime.sampling import known_median, sampled
@@ -27,14 +28,13 @@ if TYPE_CHECKING:
     from decomo_runtime.scene_motion import SceneMotion
     from decomo_runtime.tracker import Tracker
 
-Image = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 RENDERED_SIDE, COMPARED_SIDE = 128, 256
 """Most pixels of the longer side of the rasters on which the model is rendered, and on which frames are compared."""
-WINDOW, STRIDE = 15, 3
-"""A frame is compared with those up to this many frames away, every so many: the next ones show an object again."""
+STRIDE = 3
+"""A frame is compared with those up to `BESIDE` frames away, every so many: the next ones show an object again."""
 COVERED = 0.5
 """An object covers a pixel of which it has at least so much, on any raster. A matter of pictures, unlike what it owns
 (`Tracker.on_object`): what hangs on a mask is found by comparing frames, and a blurred rim by `GROWN`.
@@ -56,18 +56,6 @@ GROWN, FEATHER = 3.0, 3.0
 """How far beyond the object nothing of the clip is kept, and the width of the blend into it from there on."""
 
 
-HELD = 256
-"""Frames of which what was made is held: more than a frame looks at, so that each is rendered and compared once."""
-
-
-class FramesByNumber(Protocol):
-    """A clip's frames by number, each uint8 [H, W, 3] RGB: an array, or decoded when asked for."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, frame: int, /) -> Image: ...
-
-
 class Objects:
     """The moving objects of a clip, frame by frame.
 
@@ -78,14 +66,16 @@ class Objects:
     """
 
     def __init__(self, tracker: Tracker, frames: FramesByNumber, motion: SceneMotion) -> None:
-        self._tracker, self._frames, self._motion = tracker, frames, motion
+        self._tracker, self._motion = tracker, motion
         longer = max(tracker.height, tracker.width)
         self._full = tracker.height, tracker.width
         self._rendered = raster_size(tracker.facts, min(RENDERED_SIDE, longer))
         self._compared = raster_size(tracker.facts, min(COMPARED_SIDE, longer))
         self._unit = max(self._compared) / 256
+        self.frames = Footage(frames, self._full, self._compared)
+        """Those of the clip, of which some are held."""
         self._look = lru_cache(HELD)(self._rendering)
-        self._picture = lru_cache(HELD)(self._shrunk)
+        self._picture = self.frames.small
         self._core_distance = lru_cache(HELD)(lambda frame: _distance(self._core(frame)).astype(np.float16))
         self._whole = lru_cache(HELD)(self._found)
         self._clearance = lru_cache(HELD)(self._cleared)
@@ -167,8 +157,8 @@ class Objects:
         """
         picture = self._picture(frame)[near.part].astype(np.float32)
         views = []
-        away = [sign * step for step in range(STRIDE, WINDOW + 1, STRIDE) for sign in (-1, 1)]
-        for other in (frame + step for step in away if 0 <= frame + step < len(self._frames)):
+        away = [sign * step for step in range(STRIDE, BESIDE + 1, STRIDE) for sign in (-1, 1)]
+        for other in (frame + step for step in away if 0 <= frame + step < len(self.frames)):
             if not self._motion.knows(frame, other):
                 continue
             exposure = self.exposure(frame, other)
@@ -190,11 +180,6 @@ class Objects:
         around_it = np.ones((3, 3), np.uint8)
         beyond = np.maximum(picture - cv2.dilate(scene, around_it), cv2.erode(scene, around_it) - picture)
         return (beyond - SPREADS * spread).max(axis=2)
-
-    def _shrunk(self, frame: int) -> Image:
-        """On the raster of comparison."""
-        size = self._compared[::-1]
-        return cv2.resize(self._frames[frame], size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def _distance(mask: Mask) -> Floats:

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.objects import HELD, FramesByNumber, Objects
+from decomo_runtime.footage import FramesByNumber, others_of
+from decomo_runtime.objects import Objects
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
@@ -32,12 +32,6 @@ Floats = npt.NDArray[np.float32]
 
 COLOURS = 5
 """Frames whose colours a pixel takes the median of."""
-NEAR, STRIDE, FAR = 16, 4, 96
-"""Frames up to this distance are all looked at; farther ones, up to the last distance, those whose number is a multiple
-of the stride, and the clip's last: neighbours show nearly the same, and frames made one after another look at the same.
-"""
-HELD_BYTES = 512 * 1024**2
-"""Of frames that are held, decoded, for the next ones that look at them; no more than `HELD` frames."""
 
 
 def remove_objects(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[int]) -> Iterator[Image]:
@@ -47,11 +41,11 @@ def remove_objects(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[in
     where the model holds nothing to be static.
     """
     motion = follow_scene(tracker)
-    held = HeldFrames(frames)
-    objects = Objects(tracker, held, motion)
+    objects = Objects(tracker, frames, motion)
     last: tuple[int, Image] | None = None
     for frame in wanted:
-        made = _without_objects(held, frame, motion, objects, last)
+        objects.frames.leave_behind(frame)
+        made = _without_objects(objects.frames, frame, motion, objects, last)
         last = frame, made
         yield made
 
@@ -74,7 +68,9 @@ def _without_objects(
     known = np.asarray(np.isfinite(scene).all(axis=2), np.float32)
     if not known.all():
         rendered = objects.scene(frame)
-        scene = rendered + filled(np.nan_to_num(scene - rendered), known)
+        scene -= rendered
+        scene = filled(np.nan_to_num(scene, copy=False), known)
+        scene += rendered
     weight, own = share[region.part][..., None], made[region.part]
     made[region.part] = np.rint(weight * scene[region.part] + (1 - weight) * own).clip(0, 255)
     return made
@@ -106,26 +102,3 @@ def propagate(frames: FramesByNumber, frame: int, region: Raster, motion: SceneM
     behind = np.full((*region.shape, 3), np.nan, np.float32)
     behind[hidden] = known_median(colours)
     return behind
-
-
-def others_of(frame: int, num_frames: int) -> list[int]:
-    """The frames that are looked at for what `frame` hides, nearest in time first."""
-    others = range(max(0, frame - FAR), min(num_frames, frame + FAR + 1))
-    near = {other for other in others if abs(other - frame) <= NEAR}
-    far = {other for other in others if other % STRIDE == 0 or other == num_frames - 1}
-    return sorted((near | far) - {frame}, key=lambda other: abs(other - frame))
-
-
-class HeldFrames:
-    """The frames of a clip, of which those last asked for are held."""
-
-    def __init__(self, frames: FramesByNumber) -> None:
-        self._frames = frames
-        count = max(2, min(HELD, HELD_BYTES // frames[0].nbytes))
-        self._held = lru_cache(count)(lambda frame: frames[frame])
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, frame: int, /) -> Image:
-        return self._held(frame)

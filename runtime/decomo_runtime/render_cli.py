@@ -91,6 +91,7 @@ def render(
     from decomo_runtime.queries import parse_frames
     from decomo_runtime.removal import remove_objects as remove
     from decomo_runtime.tracker import Tracker
+    from decomotion.memory import returned_memory
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     edits, still = EditOptions.of(given), StabiliseOptions.of(given)
@@ -136,7 +137,8 @@ def render(
             if is_video and out.suffix.lower() not in ALPHA_SUFFIXES:
                 changed = map(on_black, changed)
         rendered = ([picture] for picture in changed)
-    with tqdm(rendered, "render", total=len(frames), leave=False) as bar:  # gone before a failure is told
+    progress = tqdm(rendered, "render", total=len(frames), leave=False)
+    with returned_memory(), progress as bar:  # which is gone before a failure is told
         pictures = zip(frames.tolist(), bar, strict=True)
         if draw is not None:
             pictures = ((frame, [draw(layer, frame) for layer in each]) for frame, each in pictures)

@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 _ROW = 1024
 """Places are asked for in rows of so many: cv2.remap takes no more columns or rows than a short counts."""
+_MEDIANS = 1 << 16
+"""Medians are taken of so many places at a time: what that takes beside them is little, and stays in caches."""
 
 
 def sampled(
@@ -35,7 +37,12 @@ def sampled(
 
 def known_median(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Median over the first axis of those of `values` [N, ...] that are numbers; nan where none is."""
-    known = np.isfinite(values).sum(axis=0, keepdims=True)
-    ordered = np.sort(values, axis=0)  # what is no number comes last
-    low, high = (np.take_along_axis(ordered, place, axis=0)[0] for place in ((known - 1).clip(0) // 2, known // 2))
-    return (low + high) / 2
+    rows = values.reshape(len(values), -1)
+    median = np.empty(rows.shape[1], np.float32)
+    for begin in range(0, len(median), _MEDIANS):
+        part = slice(begin, begin + _MEDIANS)
+        known = np.isfinite(rows[:, part]).sum(axis=0, keepdims=True)
+        ordered = np.sort(rows[:, part], axis=0)  # what is no number comes last
+        low, high = (np.take_along_axis(ordered, at, axis=0)[0] for at in ((known - 1).clip(0) // 2, known // 2))
+        median[part] = (low + high) / 2
+    return median.reshape(values.shape[1:])

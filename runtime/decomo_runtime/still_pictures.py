@@ -17,10 +17,10 @@ import numpy.typing as npt
 from decomo_runtime.dense import dense_flows
 from decomo_runtime.dense_maps import DenseMap, identity, smoothed
 from decomo_runtime.errors import RenderError
+from decomo_runtime.footage import FramesByNumber, others_of
 from decomo_runtime.mipmaps import Mipmaps
-from decomo_runtime.objects import FramesByNumber, Objects
+from decomo_runtime.objects import Objects
 from decomo_runtime.options import BORDERS, CROP, DENSE, FILL
-from decomo_runtime.removal import HeldFrames, others_of
 from decomo_runtime.sampling import sampled
 from decomo_runtime.scene_maps import SceneMaps, continued, distance_from_objects
 from decomo_runtime.scene_motion import follow_scene
@@ -155,12 +155,13 @@ class _Fill:
     """What other frames show beyond the borders of one."""
 
     def __init__(self, tracker: Tracker, frames: FramesByNumber, maps: Maps) -> None:
-        self._frames, self._motion = HeldFrames(frames), follow_scene(tracker)
-        self._objects = Objects(tracker, self._frames, self._motion)
-        self._size = maps.size
+        self._motion, self._size = follow_scene(tracker), maps.size
+        self._objects = Objects(tracker, frames, self._motion)
+        self._frames = self._objects.frames
 
     def filled(self, frame: int, places: Floats, own: Floats) -> Floats:
         """[H, W, 3], 0 to 255: `own` where `places` [H, W, 2] lie in the frame, and what fills the rest."""
+        self._frames.leave_behind(frame)
         height, width = self._size
         inside = np.minimum(places + 0.5, np.array([width, height]) - 0.5 - places).min(axis=-1)
         weight = (inside / (FEATHER * max(self._size) / 256)).clip(0, 1)[..., None]

@@ -87,7 +87,8 @@ def test_all_parts_count(flows: Flows) -> None:
     sentence = (
         "8 frames are too many for the time that there is: to prepare them takes at least 86 seconds (matching 10, "
         "flow between neighbours 28, links of 256 points a frame 27, features and masks 20), and there are 85; give "
-        "--prepare-budget 86s or longer, to decomo-train also --time-budget 115s or longer, or a part, CLIP@A:B"
+        "--prepare-budget 86s or longer, to decomo-train also --time-budget 115s or longer for each window, or a part, "
+        "CLIP@A:B"
     )
     with pytest.raises(SupervisionError, match=re.escape(sentence)):
         check_time(CLIP, settings(85.0), flows, 500, 1.0, after=lambda points: points * 20 / 256)

@@ -57,6 +57,14 @@ class TestAccess:
         _ = frames[3]
         assert source.asked[-1] == 3
 
+    def test_of_another_reader_none_is_kept(self):
+        source = Counted()
+        frames = Frames(source)[5:15]
+        assert [int(frames.again()[number][0, 0, 0]) for number in (0, -1)] == [5, 14]
+        again = frames.again()[1:]
+        _ = again[0], again[0], frames[1], frames[1]
+        assert source.asked == [5, 14, 6, 6, 6]
+
     def test_what_is_kept_cannot_be_written_to(self):
         with pytest.raises(ValueError, match="read-only"):
             Frames(Counted())[0][0] = 1

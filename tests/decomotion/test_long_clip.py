@@ -251,10 +251,21 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        ([], "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 30 min in all ("),
-        (["--jobs", "2"], "up to 8 frames, 2 at a time; 15 min in all ("),
-        (["--jobs", "9", "--time-budget", "2h"], "up to 8 frames, 3 at a time; 2 h 0 min in all ("),
-        (["--steps", "5"], "1 at a time; 5 steps ("),
+        (
+            [],
+            "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 30 min in all, 10 min for each, "
+            "then the export (--time-budget or --steps say otherwise; less takes fewer steps, and fits of fewer than",
+        ),
+        (["--jobs", "2"], "up to 8 frames, 2 at a time; 15 min in all, 10 min for each, then"),
+        (
+            ["--jobs", "9", "--time-budget", "2h"],
+            "8 frames, 3 at a time; 2 h 0 min in all, 2 h 0 min for each, then",
+        ),
+        (
+            ["--time-budget", "3m"],
+            "60 s for each, then the export (--time-budget or --steps say otherwise; less takes f",
+        ),
+        (["--steps", "5"], "1 at a time; 5 steps (--time-budget or --steps say otherwise)"),
         (["--preset", "paper"], "1 at a time; as many steps as the preset has ("),
     ],
 )

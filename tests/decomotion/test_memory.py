@@ -1,4 +1,4 @@
-"""Memory that is kept for the next large tensor."""
+"""Memory that is kept for the next large tensor, or given back."""
 
 import platform
 import resource
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from decomotion.memory import forget, kept_memory
+from decomotion.memory import forget, kept_memory, returned_memory
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc's allocator")
 
@@ -55,6 +55,19 @@ def test_memory_is_returned_afterwards() -> None:
     with kept_memory():
         work()
     assert resident_pages() < before + PAGES
+
+
+def test_frames_that_pass_between_others_that_stay_leave_no_gaps() -> None:
+    np.ones(LARGE // 2, np.uint8)  # from here on glibc takes smaller ones from its heap
+    before, count, size = resident_pages(), 16, LARGE // 16
+    with returned_memory():
+        passing, staying = [], []
+        for _ in range(count):
+            passing.append(np.ones(size, np.uint8))
+            staying.append(np.ones(size, np.uint8))
+        passing.clear()
+        assert resident_pages() < before + (count + 1) * PAGES // 16
+    assert len(staying) == count
 
 
 def test_what_is_mapped_is_forgotten_and_read_again(tmp_path: Path) -> None:

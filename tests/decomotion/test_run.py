@@ -25,6 +25,8 @@ from decomotion.model.fusion import DecoMotion, Prediction
 from decomotion.quality import Figures, Quality
 from decomotion.run import Run
 from decomotion.schedule import Budget
+from decomotion.windows import FILE_NAME as WINDOWS
+from decomotion.windows import Windows, split
 from tiny_fit import TINY_CPU
 
 FRAMES, HEIGHT, WIDTH = 7, 44, 26
@@ -243,6 +245,18 @@ def test_a_starved_fit_says_so_and_what_to_do(
     run.tell()
     expected = [] if said is None else [said.format(folder=tmp_path)]
     assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == expected
+
+
+def test_a_starved_window_is_gone_on_with_as_a_part_of_its_clip(
+    tmp_path: Path, pool: Pool, caplog: pytest.LogCaptureFixture
+):
+    """What is said is a command that works: windows are not fitted by themselves, and share the time."""
+    Windows("goat", 40, 20, 30, 24.0, split(40, [], 16)).save(tmp_path / WINDOWS)
+    run = new_run(tmp_path / "window-001", pool)
+    run.step, run.prepared, run.elapsed, run.budget = 200, 100.0, 300.0, Budget(9000, 1000.0)
+    run.quality = Quality(200, None, Figures(900, 0.3, 10.0, 0.06, 2.0, 0.8, 0.9, 0.95, own_error=0.1), None, None, ())
+    run.tell()
+    assert caplog.messages[-1].endswith(f"{ON.format(folder=tmp_path)} --time-budget 155m")  # three times 51.7
 
 
 def test_how_good_it_is_stands_on_the_screen(tmp_path: Path, pool: Pool, caplog: pytest.LogCaptureFixture):

@@ -25,6 +25,7 @@ from decomotion.clip import Clip, read_clip
 from decomotion.data.cuts import find_cuts
 from decomotion.decoding import mark
 from decomotion.errors import ClipError
+from decomotion.frames import Frames
 
 COUNT = 75
 GOP = {"g": "12", "keyint_min": "12", "sc_threshold": "0"}
@@ -209,6 +210,15 @@ class TestWork:
         for number in range(COUNT - 8):
             _ = clip.frames[number], clip.frames[number + 8]  # as flow at a gap asks for them
         assert len(decoded) == COUNT
+
+    def test_two_readers_do_not_lead_each_other_away(self, film: Path, decoded: list[object]):
+        frames = read_clip(film).frames
+        assert isinstance(frames, Frames)
+        ahead, beside = frames.again(), frames.again()
+        for number in range(COUNT - 30):
+            _ = ahead[number + 30], beside[number]
+        assert len(decoded) <= 2 * COUNT
+        np.testing.assert_array_equal(beside[50], frames[50])
 
     def test_a_frame_is_reached_from_the_key_frame_before(self, film: Path, decoded: list[object]):
         clip = read_clip(film)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from decomo_runtime import Appearance, RenderError
+from decomo_runtime import footage as footage_module
 from decomo_runtime import objects as objects_module
 from decomo_runtime import removal as removal_module
+from decomo_runtime.footage import FAR, NEAR, others_of
 from decomo_runtime.objects import Objects
 from decomo_runtime.raster import whole
-from decomo_runtime.removal import FAR, NEAR, propagate, remove_objects
+from decomo_runtime.removal import propagate, remove_objects
 from decomo_runtime.scene_motion import follow_scene
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
@@ -63,7 +65,7 @@ def test_rasters_smaller_than_the_clip_and_not_square(monkeypatch: pytest.Monkey
     height = 24
     monkeypatch.setattr(objects_module, "RENDERED_SIDE", 16)
     monkeypatch.setattr(objects_module, "COMPARED_SIDE", 24)
-    monkeypatch.setattr(removal_module, "NEAR", near)
+    monkeypatch.setattr(footage_module, "NEAR", near)
     frames = sliding_square().frames[:, :height]
     (made,) = remove_objects(TrueTracker(height=height), frames, [FRAME])
     expected, known = scene_of(FRAME)
@@ -198,7 +200,7 @@ def test_each_frame_is_decoded_and_rendered_once(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(model, "sample", counted)
     made = list(remove_objects(model, frames, range(FRAMES)))
-    assert sorted(frames.asked[1:]) == list(range(FRAMES))  # and one for its size
+    assert sorted(frames.asked) == list(range(FRAMES))
     assert rendered.count(HEIGHT * WIDTH) == FRAMES
     for frame, picture in enumerate(remove_objects(tracker(), sliding_square().frames, range(FRAMES))):
         np.testing.assert_array_equal(made[frame], picture)
@@ -207,8 +209,9 @@ def test_each_frame_is_decoded_and_rendered_once(monkeypatch: pytest.MonkeyPatch
 def test_where_little_is_held_it_is_made_again(monkeypatch: pytest.MonkeyPatch):
     frames = sliding_square().frames
     expected = list(remove_objects(tracker(), frames, range(FRAMES)))
-    monkeypatch.setattr(objects_module, "HELD", 2)
-    monkeypatch.setattr(removal_module, "HELD_BYTES", 3 * frames[0].nbytes)
+    for module in (objects_module, footage_module):
+        monkeypatch.setattr(module, "HELD", 2)
+    monkeypatch.setattr(footage_module, "HELD_BYTES", 3 * frames[0].nbytes)
     decoded = Decoded(frames)
     for made, picture in zip(remove_objects(tracker(), decoded, range(FRAMES)), expected, strict=True):
         np.testing.assert_array_equal(made, picture)
@@ -216,14 +219,14 @@ def test_where_little_is_held_it_is_made_again(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_frame_looks_at_no_more_of_a_longer_clip():
-    others = removal_module.others_of(500, 10_000)
+    others = others_of(500, 10_000)
     assert others == sorted(others, key=lambda other: abs(other - 500))
-    assert set(others) == set(removal_module.others_of(500, 1000))
+    assert set(others) == set(others_of(500, 1000))
     assert {500 - NEAR, 501, 500 + NEAR, 500 + NEAR + 4} <= set(others)
     assert 500 not in others
     assert max(abs(other - 500) for other in others) <= FAR
     assert len(others) < 80
-    assert removal_module.others_of(0, 30)[-1] == 29  # shows the most of what all before it hide
+    assert others_of(0, 30)[-1] == 29  # shows the most of what all before it hide
 
 
 def test_a_pixel_that_enough_frames_show_is_followed_no_further(monkeypatch: pytest.MonkeyPatch):

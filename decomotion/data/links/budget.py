@@ -57,7 +57,8 @@ def check_time(
         raise SupervisionError(
             f"{frames} frames are too many for the time that there is: to prepare them takes at least {least} seconds "
             f"({what}), and there are {config.prepare_budget:g}; give --prepare-budget {least}s or longer, to "
-            f"decomo-train also --time-budget {math.ceil(least / FIT_SHARE)}s or longer, or a part, CLIP@A:B"
+            f"decomo-train also --time-budget {math.ceil(least / FIT_SHARE)}s or longer for each window, or a part, "
+            "CLIP@A:B"
         )
     return hop
 

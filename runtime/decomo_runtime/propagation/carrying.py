@@ -14,7 +14,7 @@ from decomo_runtime.propagation.regions import Carried, Regions
 from decomo_runtime.propagation.shapes import Annotation, Kind, Shape
 
 if TYPE_CHECKING:
-    from decomo_runtime.objects import FramesByNumber
+    from decomo_runtime.footage import FramesByNumber
     from decomo_runtime.tracker import Tracker
 
 

@@ -26,8 +26,8 @@ from decomo_runtime.propagation.rim import Guide
 from decomotion.units import unit
 
 if TYPE_CHECKING:
+    from decomo_runtime.footage import FramesByNumber
     from decomo_runtime.model import Appearance
-    from decomo_runtime.objects import FramesByNumber
     from decomo_runtime.tracker import Tracker
 
 Floats = npt.NDArray[np.float32]
