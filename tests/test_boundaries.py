@@ -35,6 +35,7 @@ GROUND_FLOOR = [
     "decomotion.frames",
     "decomotion.images",
     "decomotion.jobs",
+    "decomotion.memory",
     "decomotion.outputs",
     "decomotion.presets",
     "decomotion.pseudo_depth",
