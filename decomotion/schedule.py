@@ -58,8 +58,10 @@ class OptimConfig(Leaf):
     """Points drawn for each that a batch takes: those whose target is known are taken first."""
     moving_share: float = Field(ge=0, le=0.9)
     """Least share of the correspondences that is drawn from what moves; 0: as much as it covers."""
-    hidden_share: float = Field(ge=0, le=0.5)
-    """Share of the correspondences that is of points whose target is not known, where there are any."""
+    hidden_share: float = Field(0.0, ge=0, le=0.5)
+    """Share of the correspondences that is of points whose target is not known, where there are any; none in older
+    runs.
+    """
     count_maps: bool
     """Draw points that are linked to few frames more often (OmniMotion's count maps)."""
     micro_batch: int = Field(ge=0)

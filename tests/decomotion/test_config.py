@@ -31,6 +31,12 @@ def test_there_and_back_through_plain_values(preset: str):
     assert parse(yaml.safe_load(written), "config.yaml") == config
 
 
+def test_a_run_from_before_hidden_points_had_a_share_goes_on_without():
+    plain = load("cpu").model_dump(mode="json")
+    del plain["optim"]["hidden_share"], plain["loss"]["flow_hidden"]
+    assert parse(plain, "config.yaml").optim.hidden_share == 0
+
+
 def test_omnimotion_is_cpu_but_for_the_decomposition():
     """Whatever else changes in `cpu` changes in both."""
     single, fused = load("omnimotion"), load("cpu")
