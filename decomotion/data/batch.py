@@ -86,8 +86,8 @@ class Sampler:
     def draw(self, longest_gap: int, generator: Generator) -> Batch:
         """A batch whose pairs are at most `longest_gap` frames apart.
 
-        Points with a known target are taken first, and those drawn by their error come last: smoothness is evaluated
-        at the first (`DecoMotion.predict`).
+        Points with a known target are taken first, then the share of hidden ones, and those drawn by their error come
+        last: smoothness is evaluated at the first (`DecoMotion.predict`).
         """
         pool, config = self._pool, self._config
         frames = pool.num_frames
