@@ -12,6 +12,7 @@ from statistics import fmean, median
 
 from decomo_eval.bootstrap import mean_interval
 from decomo_eval.query_mode import FIRST, STRIDED
+from harness.full_length import LEGS_NEAR
 from harness.markdown import head, line
 from harness.plan import FITS
 from harness.records import Record, read_records
@@ -21,8 +22,6 @@ Records = dict[str, Record]
 """By clip."""
 NEAR = (4, 16)
 """Pixels within which an end is near its true place."""
-LEGS = "legs_within_16"
-"""Of a record of joints."""
 MIB = 2**20
 
 
@@ -75,7 +74,7 @@ def _joints(records: Records, chained: Records) -> Part:
     mine, its = (
         {clip: record["metrics"][FIRST][DELTA] for clip, record in each.items()} for each in (records, chained)
     )
-    legs, its_legs = ({clip: record[LEGS] for clip, record in each.items()} for each in (records, chained))
+    legs, its_legs = ({clip: record[LEGS_NEAR] for clip, record in each.items()} for each in (records, chained))
     whole = [
         [f"joints, < delta_avg, {len(mine)} clips", *_compared(mine, its, 100)],
         [f"joints of legs within 16 px, %, {len(legs)} clips", *_compared(legs, its_legs, 100)],
@@ -91,7 +90,7 @@ def _joints(records: Records, chained: Records) -> Part:
 
 def _joint_cells(record: Record, delta: float) -> list[str]:
     each = record["tracks"]
-    return [str(len(each)), f"{100 * delta:.1f}", mean_text(each, scale=100), f"{100 * record[LEGS]:.1f}"]
+    return [str(len(each)), f"{100 * delta:.1f}", mean_text(each, scale=100), f"{100 * record[LEGS_NEAR]:.1f}"]
 
 
 def _ends(records: Records, chained: Records) -> Part:

@@ -37,6 +37,8 @@ CARRIED_FROM = 0
 """The frame whose mask is given."""
 LEGS = (*range(6), *range(7, 13))
 """BADJA's joints on legs, of the twenty: three of each."""
+LEGS_NEAR = "legs_within_16"
+"""Of a record: the mean share of them within 16 pixels."""
 
 Mask = npt.NDArray[np.bool_]
 Ask = Callable[[Video, Queries], Prediction]
@@ -75,9 +77,9 @@ def model_asked(model: Path) -> Ask:
 
 
 def position_figures(video: Video, ask: Ask) -> Record:
-    """Of tracks with few annotated frames: `metrics`, `tracks`, a list of < delta_avg of each, and `legs_within_16`.
+    """Of tracks with few annotated frames: `metrics`, `tracks`, a list of < delta_avg of each, and `LEGS_NEAR`.
 
-    The last is the mean share of the joints of legs within 16 pixels. Raises what `ask` raises.
+    Raises what `ask` raises.
     """
     queries = sample_queries(video, FIRST)
     answer = ask(video, queries)
@@ -88,7 +90,7 @@ def position_figures(video: Video, ask: Ask) -> Record:
     return {
         "metrics": {FIRST: told},
         "tracks": tracks[~np.isnan(tracks)].tolist(),
-        "legs_within_16": float(np.nanmean(legs)),
+        LEGS_NEAR: float(np.nanmean(legs)),
     }
 
 
