@@ -112,16 +112,19 @@ def fit(
 def _left(folder: Path, clip: Clip, device: torch.device) -> tuple[Checkpoint | None, Record]:
     """What the run in `folder` has left: its checkpoint, if it came to one, and what it was begun with.
 
-    A checkpoint that is not of the run that was begun last is of a former one. Raises `CheckpointError` where there is
-    neither, or the run is another clip's.
+    A checkpoint that is not of the run that was begun last is of a former one. The budget is what was given last, which
+    the checkpoint may not have heard of yet. Raises `CheckpointError` where there is neither, or the run is another
+    clip's.
     """
     check_resumable(folder)
     record, file = read_record(folder), folder / checkpoint.FILE_NAME
     saved = checkpoint.load(file, device) if record is None or file.is_file() else None
     if saved is not None:
         of_saved = Record(saved.clip.digest, saved.config, saved.training["seed"], Budget(**saved.training["budget"]))
-        if record is None or replace(record, budget=of_saved.budget, finished=False) == of_saved:
+        if record is None:
             record = of_saved
+        elif replace(record, budget=of_saved.budget, finished=False) == of_saved:
+            record = replace(record, finished=False)
         else:
             saved = None
     assert record is not None

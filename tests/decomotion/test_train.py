@@ -293,6 +293,15 @@ def test_a_finished_run_resumed_stays_and_a_longer_one_goes_on(tmp_path: Path):
     assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] == 3
 
 
+def test_a_longer_budget_outlasts_a_kill_before_the_next_checkpoint(tmp_path: Path):
+    run = fit(CLIP, tmp_path / "run", config=tiny_config(), steps=2, progress=False)
+    with interruption(2, killed), pytest.raises(Killed):
+        fit(CLIP, run, resume=True, steps=4, progress=False)
+    fit(CLIP, run, resume=True, progress=False)
+    training = checkpoint.load(run / checkpoint.FILE_NAME).training
+    assert (training["step"], training["budget"]) == (4, {"steps": 4, "seconds": None})
+
+
 def test_a_short_time_leaves_preparation_a_share_of_it(tmp_path: Path):
     config = tiny_config("cpu", "data.flow.intervals=geometric", "data.prepare_budget=180")
     run = fit(CLIP, tmp_path / "run", config=config, time_budget=1.0, rebuild_cache=True, progress=False)
