@@ -118,9 +118,10 @@ def _around(
     plane = model.plane
     starts = place + offsets
     inside = ((starts >= -0.5) & (starts <= np.array([plane.width, plane.height]) - 0.5)).all(axis=-1)
+    inside[0] = True  # the place itself: tracks are handed over at seams beyond the border too
     starts, offsets = starts[inside], offsets[inside]
     looks = see(model, frame, starts)
-    alike = looks.moving == looks.moving[0]  # the place itself is the first
+    alike = looks.moving == looks.moving[0]
     starts, offsets = starts[alike], offsets[alike]
     lie = looks.xy[alike] - own  # [n, T, 2], about the point
     lie[0], lie[:, frame] = 0, offsets

@@ -12,9 +12,10 @@ from decomotion.clip import Clip
 from decomotion.corrections.file import HEADER, read_corrections
 from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.corrections.seams import in_windows
-from decomotion.corrections.trusted import Bent, blending, contradiction
+from decomotion.corrections.trusted import Bent, blending, contradiction, trusted_tracks
 from decomotion.errors import CorrectionError
 from decomotion.windows import Window, Windows
+from tiny_fit import randomised, tiny_model
 
 FRAMES, HEIGHT, WIDTH = 9, 20, 34
 CLIP = Clip("blank", np.zeros((FRAMES, HEIGHT, WIDTH, 3), np.uint8))
@@ -147,6 +148,18 @@ def test_a_point_hidden_in_the_next_window_is_followed_there():
 def test_no_correction_leads_across_a_cut():
     with pytest.raises(CorrectionError, match="across the cut at frame 18"):
         in_windows([CorrectedPoint.of([Place(14, 3, 4), Place(20, 3, 4)])], LAYOUT, drifting)
+
+
+@pytest.mark.parametrize("beyond", [2.0, 40.0])
+def test_a_place_beyond_the_border_is_known_and_taught_nothing(beyond: float):
+    """A seam may be crossed there. `beyond` in pixels: near enough that points around it are inside, or not."""
+    model = randomised(tiny_model("cpu"), 0.05)
+    outside = (model.plane.width - 0.5 + beyond, 10.0)
+    tracks = trusted_tracks(model, [CorrectedPoint.of([Place(1, 10, 11), Place(3, *outside)])])
+    at_both = (tracks.xy[:, 1] == (10, 11)).all(-1) & (tracks.xy[:, 3] == outside).all(-1)
+    assert at_both.sum() == 2  # the point itself, by either place
+    assert (tracks.trust[at_both][:, 1] == 1).all()
+    assert (tracks.trust[at_both][:, 3] == 0).all()
 
 
 def test_links_contradict_that_lead_elsewhere_or_to_where_the_point_is_hidden():
