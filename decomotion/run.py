@@ -238,7 +238,8 @@ class Run:
             writer.add_image("layers", picture, self.step, dataformats="HWC")
 
     def judge(self, writer: Any) -> None:
-        """Measures how good the fit is on the links that were held out of it."""
+        """Measures how good the fit is on the links that were held out of it; from here on no step follows."""
+        set_precision(self.model, "none")  # as an exported file answers
         contradicts, before = (None, 0) if self.lesson is None else (self.lesson.contradicts, self.lesson.steps)
         links = (self.pool, self.held_out, contradicts)
         self.quality = held_out.measure(self.model, *links, seed=self.seed, steps=before + self.step)

@@ -14,6 +14,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from decomotion import checkpoint, held_out
 from decomotion.checkpoint import ClipFacts
 from decomotion.clip import Clip
 from decomotion.config import load
@@ -21,6 +22,7 @@ from decomotion.data.batch import Batch
 from decomotion.data.pool import Pool
 from decomotion.data.prepare import prepare
 from decomotion.geometry import ImagePlane
+from decomotion.held_out import HeldOut
 from decomotion.model.fusion import DecoMotion, Prediction
 from decomotion.quality import Figures, Quality
 from decomotion.run import Run
@@ -275,6 +277,15 @@ def test_without_a_link_that_is_known_nothing_tells_how_good_it_is(
     run.loop(0.0, progress=False)
     assert "nothing tells how good it is" in caplog.text
     assert not (tmp_path / "quality.json").exists()
+
+
+def test_it_is_that_of_whole_precision_as_of_the_exported_file(tmp_path: Path, pool: Pool):
+    network = "conditioner={kind: mlp, frequencies: 2, encoding: 16, hidden: 16, layers: 2}"
+    overrides = (f"model.static.{network}", f"model.dynamic.{network}", "optim.autocast=bf16", "optim.steps=2")
+    run = new_run(tmp_path, pool, 0, *overrides)
+    run.loop(0.0, progress=False)
+    loaded = checkpoint.load(tmp_path / checkpoint.FILE_NAME)
+    assert loaded.quality == held_out.measure(loaded.model, pool, HeldOut(pool, 0), seed=0, steps=2)
 
 
 def test_held_out_links_are_unknown_to_the_fit(tmp_path: Path, pool: Pool, monkeypatch: pytest.MonkeyPatch):
