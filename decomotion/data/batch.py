@@ -208,10 +208,11 @@ def _cumulated_probability(pool: Pool, config: OptimConfig) -> Float[Tensor, "fr
 def _balance(moving: npt.NDArray[np.bool_], least: float) -> npt.NDArray[np.float64]:
     """Weights [frame, point] that draw at least the share `least` of a frame's points from what moves.
 
-    The scene keeps half of `least` at least. A frame where all or nothing moves is left as it is.
+    The scene keeps half of `least` at least, or what that leaves. A frame where all or nothing moves is left as it is.
     """
     share = moving.mean(axis=-1, keepdims=True)
-    wanted = np.where((share > 0) & (share < 1), np.clip(share, least, 1 - least / 2), share)
+    most = max(least, 1 - least / 2)
+    wanted = np.where((share > 0) & (share < 1), np.clip(share, least, most), share)
     return np.where(moving, wanted / np.maximum(share, 1e-9), (1 - wanted) / np.maximum(1 - share, 1e-9))
 
 
