@@ -185,6 +185,10 @@ class TestGaps:
         assert 100 * of_70_frames.all.median == pytest.approx(np.median(gaps), abs=2)  # 21
         assert 100 * of_70_frames.all.p90 == pytest.approx(np.quantile(gaps, 0.9), abs=2)  # 48
 
+    def test_both_ways_in_time_count_alike(self):
+        """Links back in time are off by two units, the others by none."""
+        assert quality(exact_model(), make_pool(off_back=(2, 0))).all.within_1 == pytest.approx(0.5, abs=0.05)
+
     def test_of_a_short_clip(self):
         gaps = quality(exact_model(4), make_pool(4)).gaps
         assert [(each.shortest, each.longest) for each in gaps] == [(1, 1), (2, 3)]
