@@ -91,6 +91,14 @@ def test_links_that_begin_at_one_place_are_a_shift():
     torch.testing.assert_close(found.xy, POINTS + torch.tensor([3.0, 5.0]))
 
 
+def test_links_that_begin_a_tenth_of_a_unit_apart_do_not_turn_what_is_far_away():
+    """By their ends, which are a noise of 0.3 units, they would: by a right angle, and thrice as far."""
+    apart = 0.1 * torch.rand(1, 20, 2, generator=torch.Generator().manual_seed(2))
+    turned = 3 * torch.stack([-apart[..., 1], apart[..., 0]], dim=-1)
+    found = expected(POINTS, 30 + apart, 33 + turned, alike(apart))
+    torch.testing.assert_close(found.xy, POINTS + 3, rtol=0, atol=1.0)
+
+
 @pytest.mark.parametrize("pairs", [1, 3])
 def test_each_pair_has_its_own_motion(pairs: int):
     begin, end = links()
