@@ -114,8 +114,9 @@ class Run:
         points, former = self.sampler.errors.shape[1], training["errors"].shape[1]
         if points != former:
             raise CheckpointError(
-                f"{self.folder} was fitted to {former} points a frame but its supervision now has {points}; give the "
-                "tracks that it was begun with, or train again without --resume"
+                f"{self.folder} was fitted to {former} points a frame but its supervision now has {points}: its tracks "
+                "are others, or its links were made anew in less or more time; give the tracks that it was begun with, "
+                "or train again without --resume"
             )
         self.optimiser.load_state_dict(training["optimiser"])
         self.sampler.errors.copy_(training["errors"])

@@ -75,8 +75,8 @@ def scheduled(
     """The gaps at which flow is computed, what a search for it costs, and how many points of each frame are linked.
 
     From `file` where an earlier run has chosen already. The cost is that of the first few fields, which are kept.
-    Between neighbours a second search may follow. `hop` is what
-    carrying points costs, and `seconds` are left for flow and linking: gaps `geometric` and `all` depend on them, and
+    Between neighbours a second search may follow. `hop` is what carrying points costs; None: neither gaps nor points
+    are thinned for their cost. `seconds` are left for flow and linking: gaps `geometric` and `all` depend on them, and
     so do the points then, of which there are at most `wanted`.
     """
     if file.is_file():
