@@ -323,9 +323,7 @@ def test_another_number_of_tracks_on_resume(tmp_path: Path):
     write(2)
     run = fit(CLIP, tmp_path / "run", config=tiny_config("cpu", f"data.tracks={file}"), steps=1, progress=False)
     write(3)
-    with pytest.raises(
-        CheckpointError, match="was fitted to 262 points a frame but .* now has 263: its tracks"
-    ):
+    with pytest.raises(CheckpointError, match=r"was fitted to 262 points a frame but .* now has 263: its tracks"):
         fit(CLIP, run, resume=True, steps=2, progress=False)
 
 
