@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import torch
 from jaxtyping import Float
-from torch import Generator, Tensor
+from torch import Tensor
 
 from decomotion.pseudo_depth import FAR, NEAR
 
 
 def sample_depths(
-    like: Float[Tensor, "*batch 2"], samples: int, offset: Generator | Float[Tensor, "*batch sample"] | None = None
+    like: Float[Tensor, "*batch 2"], samples: int, offset: Float[Tensor, "*batch sample"] | None = None
 ) -> Float[Tensor, "*batch sample"]:
     """Pseudo-depths of the ray samples, ascending: one in each of `samples` equal bins of [NEAR, FAR].
 
-    `offset` says where in its bin each lies, in [0, 1): given, or drawn evenly by a generator (stratified, as in
-    training); None: at the bins' centres.
+    `offset` says where in its bin each lies, in [0, 1): drawn evenly in training (stratified); None: at the bins'
+    centres.
     """
     bins = torch.arange(samples, dtype=like.dtype, device=like.device)
     if offset is None:
         offset = torch.full_like(like[..., :1], 0.5)
-    elif isinstance(offset, Generator):
-        offset = torch.rand((*like.shape[:-1], samples), dtype=like.dtype, device=like.device, generator=offset)
     return NEAR + (bins + offset) * ((FAR - NEAR) / samples)
 
 

@@ -154,6 +154,14 @@ def tiny_model(
     return DecoMotion(config, ImagePlane(height, width), (start, start.clone()), feature_size)
 
 
+def offsets(model: DecoMotion, xy: Tensor, seed: int = 0) -> Tensor:
+    """Where in its bin each sample of the rays through `xy` [pair, point, 2] lies, drawn as in a fit."""
+    import torch
+
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand((*xy.shape[:2], model.config.samples), generator=generator)
+
+
 def randomised(module: Module, scale: float = 0.2, seed: int = 0) -> Module:
     """The module, noise added to all of its parameters: nothing is zero or the identity any more."""
     import torch

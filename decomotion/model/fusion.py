@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Int
-from torch import Generator, Tensor, nn
+from torch import Tensor, nn
 
 from decomotion.compositing import composite, composite_weights, fused_weights, static_share
 from decomotion.geometry import ImagePlane
@@ -152,7 +152,7 @@ class DecoMotion(nn.Module):
         xy: Float[Tensor, "batch point 2"],
         conditioning: PairConditioning,
         frame: Int[Tensor, " batch"] | None = None,
-        offset: Generator | Float[Tensor, "batch point sample"] | None = None,
+        offset: Float[Tensor, "batch point sample"] | None = None,
     ) -> Rays:
         """Samples the rays through pixels `xy`, at depths by `offset` (`decomotion.rays.sample_depths`)."""
         config = self.config
@@ -175,12 +175,13 @@ class DecoMotion(nn.Module):
         xy: Float[Tensor, "pair point 2"],
         frame: Int[Tensor, " pair"],
         target_frame: Int[Tensor, " pair"],
-        offset: Generator | Float[Tensor, "pair point sample"],
+        offset: Float[Tensor, "pair point sample"],
         smooth_points: int | None = None,
     ) -> Prediction:
         """Everything that the losses look at, for points `xy` of `frame` and where they are in `target_frame`.
 
-        Positions are in units, unlike those of `cast`: what is optimised does not depend on the clip's size.
+        Positions are in units, unlike those of `cast`: what is optimised does not depend on the clip's size. `offset`
+        is that of `cast`.
 
         The acceleration is computed for the first `smooth_points` of each pair; None: for all.
         """

@@ -13,7 +13,7 @@ from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import MAX_EXTENT, DecoMotion, PairConditioning, canonical_extent
 from decomotion.model.readout import carry, surface_of
 from decomotion.rays import sample_depths
-from tiny_fit import randomised, tiny_model
+from tiny_fit import offsets, randomised, tiny_model
 
 FRAMES = 5
 
@@ -54,7 +54,8 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
     """Shapes are checked by their annotations."""
     model = randomised(tiny_model(preset, frames=frames, feature_size=features), 0.05)
     frame, target = torch.tensor([0, frames - 1, 0]), torch.tensor([frames - 1, 0, 1])
-    prediction = model.predict(random_units(3, 7), frame, target, generator(), smooth_points=2)
+    xy = random_units(3, 7)
+    prediction = model.predict(xy, frame, target, offsets(model, xy), smooth_points=2)
     assert prediction.fused_xy.shape == (3, 7, 2)
     assert prediction.dynamic_feature.shape == (3, 7, features)
     carried = 1 if model.config.deferred else model.config.samples
@@ -67,7 +68,8 @@ def test_prediction_at_all_sizes(preset: str, frames: int, features: int):
 @both_presets
 def test_full_static_confidence_leaves_the_static_volume(preset: str):
     model = with_confidence(randomised(tiny_model(preset), 0.05), math.inf)
-    prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
+    xy = random_units(2, 6)
+    prediction = model.predict(xy, torch.tensor([0, 3]), torch.tensor([4, 1]), offsets(model, xy))
     torch.testing.assert_close(prediction.fused_xy, prediction.static_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.static_rgb)
     expected = torch.ones(2, 6) if preset == "cpu" else prediction.static_weights.sum(-1)  # of the volume alone
@@ -77,7 +79,8 @@ def test_full_static_confidence_leaves_the_static_volume(preset: str):
 @both_presets
 def test_no_static_confidence_leaves_the_dynamic_volume(preset: str):
     model = with_confidence(randomised(tiny_model(preset), 0.05), -math.inf)
-    prediction = model.predict(random_units(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1]), generator())
+    xy = random_units(2, 6)
+    prediction = model.predict(xy, torch.tensor([0, 3]), torch.tensor([4, 1]), offsets(model, xy))
     torch.testing.assert_close(prediction.fused_xy, prediction.dynamic_xy)
     torch.testing.assert_close(prediction.fused_rgb, prediction.dynamic_rgb)
     torch.testing.assert_close(prediction.motion_mask, torch.zeros(2, 6))
@@ -88,7 +91,7 @@ def test_to_its_own_frame_a_point_stays(preset: str):
     """Where weights are normalised; without that (Eq. 2 as written) a ray's missing weight pulls to the middle."""
     model = randomised(tiny_model(preset), 0.05)
     xy, frame = random_units(2, 6), torch.tensor([0, 3])
-    prediction = model.predict(xy, frame, frame, generator())
+    prediction = model.predict(xy, frame, frame, offsets(model, xy))
     opacity = prediction.static_weights.sum(-1, keepdim=True)
     middle = torch.tensor([127.5, 95.5])
     expected = xy if model.config.normalise_weights else middle + (xy - middle) * opacity
@@ -100,7 +103,8 @@ def test_deferred_is_exact_where_the_map_is_affine():
     """The mean of mapped samples is the map of the point at their mean depth; the couplings start as the identity."""
     model = tiny_model("cpu", feature_size=0)
     arguments = random_units(3, 7), torch.tensor([0, 3, 1]), torch.tensor([2, 0, 4])
-    found = {kind: carrying(model, kind).predict(*arguments, generator()) for kind in (False, True)}
+    drawn = offsets(model, arguments[0])
+    found = {kind: carrying(model, kind).predict(*arguments, drawn) for kind in (False, True)}
     for name in ("static_xy", "dynamic_xy", "fused_xy"):
         torch.testing.assert_close(getattr(found[True], name), getattr(found[False], name), rtol=0, atol=8e-3, msg=name)
 
@@ -111,7 +115,7 @@ def test_a_deferred_point_is_the_one_that_answers():
     xy, frame, target = random_pixels(2, 6), torch.tensor([0, 3]), torch.tensor([4, 1])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("decomotion.model.fusion.sample_depths", lambda like, samples, _: sample_depths(like, samples))
-        trained = model.predict(8 * (xy + 0.5) - 0.5, frame, target, generator()).fused_xy
+        trained = model.predict(8 * (xy + 0.5) - 0.5, frame, target, offsets(model, xy)).fused_xy
     conditioning = model.condition(torch.arange(FRAMES))
     answered = carry(model, surface_of(model, xy, conditioning, frame), conditioning, target)
     torch.testing.assert_close(trained, 8 * (answered + 0.5) - 0.5, rtol=0, atol=8e-3)
@@ -150,8 +154,8 @@ def test_neither_order_nor_company_of_frames_matters(preset: str):
 def test_targets_do_not_depend_on_the_other_pairs(preset: str):
     model = randomised(tiny_model(preset), 0.05)
     xy, frame, target = random_pixels(3, 6), torch.tensor([3, 0, 4]), torch.tensor([0, 4, 1])
-    together = model.predict(xy, frame, target, generator())
-    first = model.predict(xy[:1], frame[:1], target[:1], generator())
+    together = model.predict(xy, frame, target, offsets(model, xy))
+    first = model.predict(xy[:1], frame[:1], target[:1], offsets(model, xy)[:1])
     torch.testing.assert_close(first.fused_xy[0], together.fused_xy[0], rtol=0, atol=1e-4)
     torch.testing.assert_close(first.acceleration[0], together.acceleration[0], rtol=0, atol=1e-5)
 
@@ -162,7 +166,8 @@ def test_acceleration_is_the_second_difference_about_the_nearest_inner_frame():
     start[:, 0, 3] = -0.1 * torch.arange(FRAMES) ** 2
     model = tiny_model("cpu", start=start)
     frame = torch.arange(FRAMES)
-    prediction = model.predict(random_units(FRAMES, 3), frame, frame.flip(0), generator())
+    xy = random_units(FRAMES, 3)
+    prediction = model.predict(xy, frame, frame.flip(0), offsets(model, xy))
     expected = torch.tensor([0.2, 0.0, 0.0]).expand_as(prediction.acceleration)
     torch.testing.assert_close(prediction.acceleration, expected, rtol=0, atol=1e-5)
 
@@ -177,7 +182,8 @@ def test_weights_of_a_ray_sum_to_at_most_one():
 def test_every_parameter_learns():
     model = randomised(tiny_model("cpu"), 0.05)
     frame, target = torch.tensor([0, 1, 2, 3]), torch.tensor([4, 3, 0, 2])
-    prediction = model.predict(random_units(4, 60), frame, target, generator())
+    xy = random_units(4, 60)
+    prediction = model.predict(xy, frame, target, offsets(model, xy))
     total = sum((value * torch.randn(value.shape, generator=generator(1))).sum() for value in vars(prediction).values())
     assert isinstance(total, Tensor)
     total.backward()
@@ -224,8 +230,9 @@ def test_the_motion_mask_is_of_the_fusion_or_as_printed_of_the_static_volume_alo
     found = {}
     for kind in ("fused", "static"):
         model.config = model.config.model_copy(update={"motion_mask": kind})
-        found[kind] = model.predict(random_units(2, 6), frame, frame, generator())
-    rays = model.cast(random_pixels(2, 6), model.condition(frame), offset=generator())
+        found[kind] = model.predict(random_units(2, 6), frame, frame, offsets(model, random_units(2, 6)))
+    xy = random_pixels(2, 6)
+    rays = model.cast(xy, model.condition(frame), offset=offsets(model, xy))
     through = torch.ones(2, 6)
     printed, fused_static, fused_all, through_both = torch.zeros(2, 6), torch.zeros(2, 6), torch.zeros(2, 6), through
     for sample in range(rays.depths.shape[-1]):  # Eq. 2 and 5, sample by sample

@@ -23,7 +23,7 @@ from decomotion.losses.scene_flow import scene_flow_loss
 from decomotion.losses.segmentation import segmentation_loss
 from decomotion.model.fusion import Prediction
 from decomotion.presets import PRESETS
-from tiny_fit import randomised, tiny_model
+from tiny_fit import offsets, randomised, tiny_model
 
 
 def pair_of_points(*values: list[float]) -> Tensor:
@@ -187,7 +187,7 @@ def an_example() -> tuple[Prediction, Batch]:
         expected_weight=drawn(shape, 7),
     )
     model = randomised(tiny_model("cpu"), 0.3)
-    return model.predict(xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(0)), batch
+    return model.predict(xy, batch.frame, batch.target_frame, offsets(model, xy)), batch
 
 
 def test_every_loss_is_what_its_equation_says():

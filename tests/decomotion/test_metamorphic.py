@@ -26,7 +26,7 @@ from decomotion.losses import LOSSES
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import answer
 from decomotion.train import fit
-from tiny_fit import TINY_CPU, randomised
+from tiny_fit import TINY_CPU, offsets, randomised
 
 Array = np.ndarray
 UNIT = 48 / 256
@@ -65,7 +65,7 @@ class TestLosses:
         model = randomised(DecoMotion(config().model, plane, (starts, starts.clone()), pool.feature_size), 0.1)
         batch = Sampler(larger, config().optim).draw(3, torch.Generator().manual_seed(1))
         with torch.no_grad():
-            prediction = model.predict(batch.xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(2))
+            prediction = model.predict(batch.xy, batch.frame, batch.target_frame, offsets(model, batch.xy, 2))
             return {name: kinds(loss(prediction, batch)) for name, loss in LOSSES.items()}
 
     @pytest.mark.parametrize("size", [2, 3, 40])

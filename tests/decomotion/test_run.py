@@ -24,6 +24,7 @@ from decomotion.data.prepare import prepare
 from decomotion.geometry import ImagePlane
 from decomotion.held_out import HeldOut
 from decomotion.model.fusion import DecoMotion, Prediction
+from decomotion.model.precision import HiddenLinear
 from decomotion.quality import Figures, Quality
 from decomotion.run import Run
 from decomotion.schedule import Budget
@@ -283,6 +284,8 @@ def test_it_is_that_of_whole_precision_as_of_the_exported_file(tmp_path: Path, p
     network = "conditioner={kind: mlp, frequencies: 2, encoding: 16, hidden: 16, layers: 2}"
     overrides = (f"model.static.{network}", f"model.dynamic.{network}", "optim.autocast=bf16", "optim.steps=2")
     run = new_run(tmp_path, pool, 0, *overrides)
+    hidden = [layer for layer in run.model.modules() if isinstance(layer, HiddenLinear)]
+    assert {layer.reduced for layer in hidden} == {torch.bfloat16}  # as the steps are taken
     run.loop(0.0, progress=False)
     loaded = checkpoint.load(tmp_path / checkpoint.FILE_NAME)
     assert loaded.quality == held_out.measure(loaded.model, pool, HeldOut(pool, 0), seed=0, steps=2)

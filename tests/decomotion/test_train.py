@@ -31,7 +31,7 @@ from decomotion.run import Run
 from decomotion.schedule import Budget, learning_rate_factor, longest_gap, value_at
 from decomotion.train import fit, start_maps
 from interruption import Killed, ctrl_c, interruption, killed
-from tiny_fit import FRAMES, TINY_PRESETS, sliding_square
+from tiny_fit import FRAMES, TINY_PRESETS, offsets, sliding_square
 
 CLIP = sliding_square()
 
@@ -48,7 +48,7 @@ def flow_error(model: DecoMotion, pool: Pool) -> float:
     """Mean distance in pixels of the fused position from the confident targets of one fixed batch."""
     batch = Sampler(pool, load("cpu").optim).draw(FRAMES - 1, torch.Generator().manual_seed(1))
     with torch.no_grad():
-        prediction = model.predict(batch.xy, batch.frame, batch.target_frame, torch.Generator().manual_seed(2))
+        prediction = model.predict(batch.xy, batch.frame, batch.target_frame, offsets(model, batch.xy, 2))
     distance = (prediction.fused_xy - batch.target_xy).norm(dim=-1)
     return distance[batch.confidence > 0.5].mean().item()
 
