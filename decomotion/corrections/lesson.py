@@ -22,6 +22,7 @@ from decomotion.data.pool import UNKNOWN_MOTION, PackedPositions, Pool, pack
 from decomotion.data.prepare import Preparation
 from decomotion.data.sampling import bilinear
 from decomotion.frames import AnyFrames
+from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion
 
 STAYING = 1024
@@ -61,7 +62,6 @@ def lesson_pool(
         random: draws the points whose links stay.
     """
     pool, plane = prepared.pool, model.plane
-    last = np.array([plane.width - 1, plane.height - 1])
     hiding = [(each, int(frame)) for each in tracks.bent for frame in each.point.hidden]
     covering = max(COVERING // max(1, len(hiding)), FEWEST)
     count = max(STAYING, len(tracks.xy))
@@ -70,11 +70,11 @@ def lesson_pool(
     }
     for frame in range(pool.num_frames):
         kinds = [
-            _staying(model, tracks.bent, frame, _places(pool, frame, count, last + 1, random)),
+            _staying(model, tracks.bent, frame, _places(pool, frame, count, plane, random)),
             _trusted(tracks, frame),
             *(_covering(model, each, hidden, frame, covering) for each, hidden in hiding),
         ]
-        xy = np.concatenate([kind.xy for kind in kinds]).clip(0, last).astype(np.float32)
+        xy = _inside(np.concatenate([kind.xy for kind in kinds]), plane).astype(np.float32)
         confidence = np.concatenate([kind.confidence for kind in kinds])
         confidence[:, frame] = 0
         columns["points"].append(xy)
@@ -90,14 +90,19 @@ def lesson_pool(
 
 
 def _places(
-    pool: Pool, frame: int, count: int, size: npt.NDArray[np.integer], random: np.random.Generator
+    pool: Pool, frame: int, count: int, plane: ImagePlane, random: np.random.Generator
 ) -> npt.NDArray[np.floating]:
     """[count, 2]: random places of a frame, half of them on what moves there: objects are small, and move first."""
-    anywhere = random.random((count, 2)) * size - 0.5
+    anywhere = _inside(random.random((count, 2)) * (plane.width, plane.height) - 0.5, plane)
     moving = pool.points[frame, pool.moving[frame] == 1]
     if len(moving):
         anywhere[: count // 2] = random.choice(moving, count // 2)
     return anywhere
+
+
+def _inside(xy: npt.NDArray[np.floating], plane: ImagePlane) -> npt.NDArray[np.floating]:
+    """Places [N, 2]; those beyond the outermost pixels' centres are brought there, and asked about there."""
+    return xy.clip(0, (plane.width - 1, plane.height - 1))
 
 
 def _staying(model: DecoMotion, bent: Sequence[Bent], frame: int, xy: npt.NDArray[np.floating]) -> _Points:
@@ -120,7 +125,7 @@ def _trusted(tracks: TrustedTracks, frame: int) -> _Points:
 
 def _covering(model: DecoMotion, bent: Bent, hidden: int, frame: int, count: int) -> _Points:
     """What hides a point in frame `hidden`: it moves as the other volume does there. Says nothing of other frames."""
-    places = bent.xy[hidden] + offsets_around(count, REACH * model.plane.unit)
+    places = _inside(bent.xy[hidden] + offsets_around(count, REACH * model.plane.unit), model.plane)
     if frame != hidden or model.config.volumes != "fused":
         nowhere = np.zeros((count, model.num_frames))
         unknown = np.full(count, UNKNOWN_MOTION)
