@@ -75,7 +75,9 @@ def test_egopoints_figures_are_those_of_its_script(seed: int) -> None:
     kind = random.integers(0, 4, (N, T))  # position, hidden, out of view, not annotated
     kind[1:, 0], kind[0] = 0, [2, *[0] * (T - 1)]  # out of view in frame 0 alone is not counted
     answers[0, 0] = 400
+    kind[1, -1], true[1, -1], answers[1, -1] = 0, (3, 100), (-3, 100)
     valid, hidden, out = kind == 0, kind == 1, kind == 2
+    out[1, -1] = True  # and annotated nevertheless: near the border, found again where it is last out of view
     visible, judged = valid & (random.random((N, T)) < 0.8), kind < 3
     occluded = random.random((N, T)) < 0.4
 
