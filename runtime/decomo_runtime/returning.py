@@ -25,6 +25,8 @@ MISS = 2.0
 """How far from its own place a point that was found may be traced back to."""
 STRIDE = 4
 """A grid is picked in one of so many frames."""
+AT_ONCE = 2**17
+"""Points in one of the sets in which neighbours are sought: OpenCV takes no set of twice as many."""
 
 Floats = npt.NDArray[np.float32]
 
@@ -54,9 +56,11 @@ class Returning:
         for owner in (False, True):
             rows, known = np.flatnonzero(on_object == owner), np.flatnonzero(self._hidden[2] == owner)
             if len(rows) and len(known):
-                matches = cv2.BFMatcher(cv2.NORM_L2).match(xy[rows], self._hidden[1][known])
-                close = [match for match in matches if match.distance <= REACH * unit]
-                near[rows[[match.queryIdx for match in close]]] = known[[match.trainIdx for match in close]]
+                matcher = cv2.BFMatcher(cv2.NORM_L2)
+                matcher.add(np.split(self._hidden[1][known], range(AT_ONCE, len(known), AT_ONCE)))
+                close = [match for match in matcher.match(xy[rows]) if match.distance <= REACH * unit]
+                neighbours = [match.imgIdx * AT_ONCE + match.trainIdx for match in close]
+                near[rows[[match.queryIdx for match in close]]] = known[neighbours]
         rows = np.flatnonzero(near >= 0)
         if not len(rows):
             return near >= 0, queries

@@ -43,3 +43,20 @@ def test_what_is_found_leads_back_to_the_place(away: float, expected: bool):
     if expected:
         np.testing.assert_allclose(queries[:, 1:], xy - 2 / 3 * places[inside], atol=1e-3)
         assert set(queries[:, 0]) <= {BEGIN, BEGIN + 8}  # every fourth frame, but the shared one
+
+
+class Standing(Spreading):
+    """Nothing moves, and all is hidden in the shared frame: 280,000 points of 400 frames."""
+
+    facts = ModelFacts("part", 400, HEIGHT, WIDTH, 25.0, "cpu", 0.5)
+
+    def track(self, queries: Any, frames: Any) -> Any:
+        return queries[:, None, 1:], np.ones((len(queries), 1), np.float32)
+
+
+def test_a_long_window_has_any_number_of_hidden_points():
+    model: Any = Standing()
+    xy = np.array([[44.0, 30.0], [3.0, 57.0]], np.float32)
+    found, queries = Returning(lambda: model, BEGIN, SHARED).find(xy, np.zeros(2, bool))
+    assert found.all()
+    np.testing.assert_allclose(queries[:, 1:], xy)

@@ -14,7 +14,7 @@ import pytest
 from decomo_runtime import QueryError, RenderError, Tracks, TracksFileError, draw_stabilised, stabilise
 from decomo_runtime import Stabilisation as Done
 from decomo_runtime.options import CROP, DENSE, FILL, HOMOGRAPHY, NONE, SIMILARITY, TRANSFORMS, TRANSLATION
-from decomo_runtime.stabilisation import Still, format_of_transforms
+from decomo_runtime.stabilisation import Still, _is_sane, format_of_transforms
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, SQUARE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
 
@@ -39,6 +39,22 @@ def shifts(done: Done) -> npt.NDArray[np.float64]:
     """[T, 2], by what the middle of each frame is moved."""
     middle = np.array([[[WIDTH / 2, HEIGHT / 2]]])
     return np.stack([cv2.perspectiveTransform(middle, matrix)[0, 0] for matrix in done.matrices]) - middle[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "sane"),
+    [
+        ([[7.9, 0, -90], [0, 7.9, 5], [0, 0, 1]], True),
+        ([[8.1, 0, 0], [0, 8.1, 0], [0, 0, 1]], False),
+        ([[0.13, 0, 0], [0, 0.13, 0], [0, 0, 1]], True),
+        ([[0.12, 0, 0], [0, 0.12, 0], [0, 0, 1]], False),
+        ([[-1, 0, WIDTH], [0, 1, 0], [0, 0, 1]], False),  # turned over
+        ([[0, -1, 9], [1, 0, 0], [0, 0, 1]], True),  # a quarter turn
+        ([[1, 0, 0], [0, 1, 0], [-1 / (WIDTH - 4), 0, 1]], False),  # its right edge is beyond the horizon
+    ],
+)
+def test_a_transform_stretches_and_turns_a_frame_within_reason(rows: list[list[float]], sane: bool):
+    assert _is_sane(np.array(rows, np.float64), (HEIGHT, WIDTH)) == sane
 
 
 @pytest.mark.parametrize("by", [TRANSLATION, SIMILARITY, HOMOGRAPHY, DENSE, None])
