@@ -122,6 +122,18 @@ def test_light_is_the_clips():
         np.testing.assert_allclose(picture[inner], expected, atol=8)
 
 
+def test_in_more_light_a_thin_edit_is_no_brighter_than_it_is_thick():
+    """White of a third of the alpha over a frame that is twice as bright: white already, it hides a third as before."""
+    tracker, frames = TrueTracker(), sliding_square().frames // 2
+    frames[6] *= 2
+    white = painted(SCENE_BOX)
+    white[white[..., 3] > 0] = (255, 255, 255, 85)
+    y, x = moved_box(SCENE_BOX, SCENE_VELOCITY, 6)
+    inner = slice(y.start + 1, y.stop - 1), slice(x.start + 1, x.stop - 1)
+    (picture,) = draw_edits(tracker, frames, [Edit(white, PAINTED)], [6], relight=True)  # type: ignore[arg-type]
+    np.testing.assert_allclose(picture[inner], 85 + frames[6][inner] * (2 / 3), atol=2)
+
+
 def test_reading_an_edit(tmp_path: Path):
     picture = painted(SCENE_BOX)
     cv2.imwrite(str(tmp_path / "a@b.png"), cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA))

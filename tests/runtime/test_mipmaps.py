@@ -46,3 +46,12 @@ def test_colours_beneath_what_is_transparent_do_not_show():
     picture[:, 8:] = (0, 0, 255, 255)
     at = np.array([[7.5, 8]], np.float32)
     assert Mipmaps(picture).read(at, np.array([2], np.float32))[0, 0] == 0
+
+
+def test_no_colour_is_brighter_than_its_alpha_lets_through():
+    """Between pixels cubic interpolation overshoots, of colours and of alpha by different amounts."""
+    picture = np.random.default_rng(1).integers(0, 2, (21, 34, 4), np.uint8) * 255
+    at = places(21, 34, 0.37)
+    read = Mipmaps(picture).read(at, np.ones(len(at), np.float32))
+    assert (read[:, :3] <= read[:, 3:]).all()
+    assert ((read >= 0) & (read <= 1)).all()
