@@ -287,3 +287,14 @@ def test_reappearing_by_hand() -> None:
     occluded[0, 0, [3, 4, 8]] = True
     found = reappeared(np.array([[[8.2, 5.0, 5.0]]]), occluded, "strided")
     assert np.flatnonzero(found).tolist() == [0, 1, 2]
+
+
+def test_what_nobody_has_judged_is_not_known_to_be_hidden() -> None:
+    """Hidden in frames 2 and 5 of which 5 alone is judged: a point of frame 0 is seen again from frame 6 on."""
+    occluded = np.zeros((1, 1, 8), bool)
+    occluded[0, 0, [2, 5]] = True
+    judged = np.ones_like(occluded)
+    judged[0, 0, 2] = False
+    query = np.array([[[0.0, 5.0, 5.0]]])
+    assert np.flatnonzero(reappeared(query, occluded, "first", judged)).tolist() == [6, 7]
+    assert np.flatnonzero(reappeared(query, occluded, "first")).tolist() == [3, 4, 6, 7]
