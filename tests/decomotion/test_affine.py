@@ -41,6 +41,17 @@ def test_before_training_it_is_the_start(transform: AffineTransform, start: Tens
     assert torch.equal(transform.condition(random(FRAMES, CODE))[..., :4], start)
 
 
+def test_the_correction_is_divided_by_the_width_of_the_hidden_layer(transform: AffineTransform, start: Tensor):
+    """Six channels that are each moved by a thousandth together move a map by no more than one of them."""
+    with torch.no_grad():
+        for parameter in transform.correction[0].parameters():
+            parameter.fill_(0.0)
+        transform.correction[0].bias.fill_(1.0)
+        transform.correction[2].weight.fill_(1e-3)
+    moved = transform.condition(random(FRAMES, CODE))[..., :4] - start
+    torch.testing.assert_close(moved, torch.full_like(moved, 1e-3))
+
+
 def test_to_canonical_is_a_x_plus_b(transform: AffineTransform, start: Tensor):
     points = random(FRAMES, 6, 3)
     mapped = transform.to_canonical(points, transform.condition(random(FRAMES, CODE)))
