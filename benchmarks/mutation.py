@@ -1,6 +1,6 @@
 """Which faults the tests notice: by room, the share of small faults, put in one at a time, that make a test fail.
 
-    python benchmarks/mutation.py --json benchmarks/results/mutation.json          # about 40 minutes on two cores
+    python benchmarks/mutation.py --json benchmarks/results/mutation.json          # an hour or more
     python benchmarks/mutation.py --room losses --room model --count 60 --seed 1   # others, of two rooms
     python benchmarks/mutation.py --again before.json --json after.json            # when there are tests for survivors
 
