@@ -69,3 +69,15 @@ def test_so_are_turns_and_zooms(angle: float, zoom: float):
 
 def test_scenes_are_not_alike():
     assert max(likeness(seen(scene(seed)), seen(scene(seed + 1))) for seed in range(12)) < 0.03
+
+
+def test_noise_in_a_flat_place_is_no_structure():
+    """The left half is textured, the right one flat but for a grey level of noise."""
+    random = np.random.default_rng(5)
+    grey = np.full((60, 130), 90, np.float32) + random.normal(0, 1, (60, 130)).astype(np.float32)
+    grey[:, :65] += 40 * cv2.GaussianBlur(random.normal(0, 1, (60, 65)).astype(np.float32), (0, 0), 1.0)
+    structure = structure_of(grey)
+    assert structure is not None
+    textured, flat = (structure.image[:, part].std() for part in (slice(0, 45), slice(100, 130)))
+    assert textured > 30
+    assert flat < 0.5 * textured
