@@ -249,6 +249,13 @@ class TestLatest:
         (tmp_path / "empty").mkdir()
         assert latest_run(tmp_path) == tmp_path / "b"
 
+    def test_of_several_windows_it_is_the_folder_of_all(self, tmp_path: Path):
+        for age, name in enumerate(["long/window-001", "long/window-000", "short"]):
+            (tmp_path / name).mkdir(parents=True)
+            (tmp_path / name / FILE_NAME).touch()
+            os.utime(tmp_path / name / FILE_NAME, (1000 - age, 1000 - age))
+        assert latest_run(tmp_path) == tmp_path / "long"
+
     def test_none(self, tmp_path: Path):
         with pytest.raises(CheckpointError, match=r"there is no run in .*; train first"):
             latest_run(tmp_path)
