@@ -12,6 +12,7 @@ import numpy.typing as npt
 from decomotion.data import camera
 from decomotion.data.masks.auto import moves_at
 from decomotion.data.pool import UNKNOWN_MOTION, Positions
+from decomotion.data.structure import structure
 from decomotion.units import unit
 
 
@@ -22,6 +23,7 @@ def build_motion(
     confidence: npt.NDArray[np.uint8],
     given: Iterable[npt.NDArray[np.bool_]] | None,
     probability: npt.NDArray[np.float32] | None,
+    random: np.random.Generator,
     folder: Path,
 ) -> dict[str, Any]:
     """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
@@ -43,6 +45,9 @@ def build_motion(
         at = [np.full(len(xy), UNKNOWN_MOTION, np.uint8) for xy in points]
     moving = np.stack(at).astype(np.uint8)
     of_scene, of_object = closed_form(sides, points, targets, confidence, moving)
+    scene = structure(points, targets, confidence, moving != 1, sides, random)
+    for name, array in vars(scene).items():
+        np.save(folder / f"{name}.npy", array)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
     known = given is not None or probability is not None

@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decomotion.data.structure import Structure
+
 UNKNOWN_MOTION = 2
 """Value of `moving` where there is no motion mask."""
 
@@ -88,6 +90,8 @@ class Pool:
     object: npt.NDArray[np.float32]
     longer_side: int
     """Of the clip's frames, in pixels."""
+    structure: Structure | None = None
+    """Of what stands still; None: not known."""
     thinned: str | None = None
     """What of the links there was no time for, in a line; None: nothing."""
 
@@ -113,10 +117,17 @@ def open_pool(folders: Iterable[Path], longer_side: int, thinned: str | None = N
     `longer_side` is that of the clip's frames in pixels, `thinned` what is missing of the links.
     """
     files = {file.stem: file for folder in folders for file in folder.glob("*.npy")}
+    structure = [np.load(files[field.name], mmap_mode="r") for field in fields(Structure) if field.name in files]
     names = [field.name for field in fields(Pool) if field.name in files]
     arrays: dict[str, Any] = {name: np.load(files[name], mmap_mode="r") for name in names}
     targets = PackedPositions(arrays.pop("targets"), longer_side)
-    return Pool(**arrays, targets=targets, longer_side=longer_side, thinned=thinned)
+    return Pool(
+        **arrays,
+        targets=targets,
+        longer_side=longer_side,
+        structure=Structure(*structure) if structure else None,
+        thinned=thinned,
+    )
 
 
 def affordable_points(frames: int, channels: int, mebibytes: int, filtered: bool = False) -> int:

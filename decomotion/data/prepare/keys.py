@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"frames": 1, "links": 12, "features": 2, "filter": 1, "motion": 5}
+VERSIONS = {"frames": 1, "links": 12, "features": 2, "filter": 1, "motion": 6}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 
@@ -115,6 +115,7 @@ class Keys:
         kind = self.inputs.config.masks if given is None else "given"
         return self.stage(
             "motion",
+            seed=self.inputs.seed,
             links=self.filter.key if self.inputs.filters_on else self.links.made,
             kind=kind,
             given=None if given is None else given.digest,

@@ -110,7 +110,8 @@ class Making:
             probability = np.load(keys.links.folder / PROBABILITY)
         elif inputs.config.masks == "auto":
             probability = self.found((points, targets, confidence, (keys.grid.rows, keys.grid.columns)))
-        return build_motion(inputs.sides, points, targets, confidence, inputs.given_masks, probability, folder)
+        random = generator(inputs.seed, "structure")
+        return build_motion(inputs.sides, points, targets, confidence, inputs.given_masks, probability, random, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""
