@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from decomotion.corrections.following import see
 from decomotion.corrections.trusted import REACH, Bent, TrustedTracks, contradiction, offsets_around
-from decomotion.data.pool import UNKNOWN_MOTION, PackedPositions, Pool, pack
+from decomotion.data.pool import UNKNOWN_MOTION, Pool
+from decomotion.data.positions import PackedPositions, pack
 from decomotion.data.prepare import Preparation
 from decomotion.data.sampling import bilinear
 from decomotion.frames import AnyFrames

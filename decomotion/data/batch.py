@@ -153,9 +153,12 @@ class Sampler:
         if pool.structure is not None:
             which = candidates.gather(1, hidden).numpy()
             i, j = np.broadcast_to(frame, which.shape), np.broadcast_to(target, which.shape)
-            rigid = pool.structure.expected(i, j, which)
-            told = (moving.gather(1, hidden) != 1) & _tensor(pool.confidence[i, j, which] == 0).bool()
-            found = _surer(found, Expected(rigid.xy, rigid.weight * told))
+            placed = pool.structure.expected(i, j, which)
+            stands = (moving.gather(1, hidden) != 1) & _tensor(pool.confidence[i, j, which] == 0).bool()
+            stands &= torch.from_numpy(pool.structure.agreement[i, which] > 0)
+            found = Expected(
+                torch.where(stands[..., None], placed.xy, found.xy), torch.where(stands, placed.weight, found.weight)
+            )
         return Expected(found.xy, torch.where(known.gather(1, hidden) > 0, 0.0, found.weight))
 
     def _known(
@@ -191,11 +194,6 @@ class Sampler:
 def _first(which: Bool[Tensor, "pair candidate"]) -> Int[Tensor, "pair candidate"]:
     """An order of each pair's candidates in which `which` come first, otherwise as they were."""
     return torch.argsort((~which).to(torch.uint8), dim=-1, stable=True)
-
-
-def _surer(one: Expected, other: Expected) -> Expected:
-    better = other.weight > one.weight
-    return Expected(torch.where(better[..., None], other.xy, one.xy), torch.where(better, other.weight, one.weight))
 
 
 def _behind(values: Float[Tensor, "pair hidden *rest"], points: int) -> Float[Tensor, "pair point *rest"]:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.pool import Positions
+from decomotion.data.positions import Positions
 
 RANSAC_UNITS = 1.0
 """Inliers of an affine fit lie this near, in pixels of a frame whose longer side is 256."""

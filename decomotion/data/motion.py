@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from decomotion.data import camera
 from decomotion.data.masks.auto import moves_at
-from decomotion.data.pool import UNKNOWN_MOTION, Positions
+from decomotion.data.pool import UNKNOWN_MOTION
+from decomotion.data.positions import Positions
 from decomotion.data.structure import structure
 from decomotion.units import unit
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomotion.data.pool import PackedPositions, Pool, affordable_points, grid_shape, jittered_grid, open_pool, pack
+from decomotion.data.pool import Pool, affordable_points, grid_shape, jittered_grid, open_pool
+from decomotion.data.positions import PackedPositions, pack
 
-ARRAYS = [name for name in Pool.__dataclass_fields__ if name not in ("longer_side", "thinned")]
+ARRAYS = [name for name in Pool.__dataclass_fields__ if name not in ("longer_side", "structure", "thinned")]
 TYPES = {"confidence": np.uint8, "rgb": np.uint8, "moving": np.uint8, "feature": np.float16, "targets": np.uint16}
 SIZES = [(48, 64, 192), (64, 48, 192), (33, 57, 100), (32, 32, 256)]
 

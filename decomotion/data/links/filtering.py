@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from decomotion.arrays import allocated_memmap
 from decomotion.data.links.config import FilterConfig
-from decomotion.data.pool import Positions
+from decomotion.data.positions import Positions
 from decomotion.memory import forget
 from decomotion.units import unit
 

@@ -18,7 +18,7 @@ from decomotion.data.links.layer import Layer, Mask
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.own_flow import OwnFlow
 from decomotion.data.links.refinement import Refiner
-from decomotion.data.pool import pack
+from decomotion.data.positions import pack
 from decomotion.data.sampling import nearest, rescaled
 from decomotion.data.stages import write_array, write_whole
 from decomotion.memory import forget

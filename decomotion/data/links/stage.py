@@ -31,7 +31,8 @@ from decomotion.data.links.linker import FOUND, LINKED, Linker, parts_done
 from decomotion.data.links.matcher import Matcher
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.tracks import UserTracks
-from decomotion.data.pool import PackedPositions, grid_shape, jittered_grid, pack
+from decomotion.data.pool import grid_shape, jittered_grid
+from decomotion.data.positions import PackedPositions, pack
 from decomotion.data.sampling import bilinear, rescaled
 from decomotion.memory import give_back
 

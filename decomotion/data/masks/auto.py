@@ -10,7 +10,7 @@ from decomotion.data.masks import labelling
 from decomotion.data.masks.consistency import consistent_evidence
 from decomotion.data.masks.evidence import in_units
 from decomotion.data.masks.links import Links
-from decomotion.data.pool import Positions
+from decomotion.data.positions import Positions
 from decomotion.data.sampling import bilinear, rescaled
 from decomotion.frames import AnyFrames
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.pool import Positions, first_points
+from decomotion.data.positions import Positions, first_points
 from decomotion.data.sampling import bilinear
 from decomotion.units import to_units
 

@@ -21,7 +21,8 @@ from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.links import Links
 from decomotion.data.masks.silhouette import Mask, silhouettes
 from decomotion.data.motion import build_motion
-from decomotion.data.pool import PackedPositions, jittered_grid
+from decomotion.data.pool import jittered_grid
+from decomotion.data.positions import PackedPositions
 from decomotion.data.prepare.inputs import Inputs
 from decomotion.data.prepare.keys import Keys
 from decomotion.data.sampling import rescaled, sample_map

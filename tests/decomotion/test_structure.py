@@ -1,0 +1,185 @@
+"""Structure from motion: hidden points of a scene that a camera turns and moves past."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from decomotion.data.structure import Structure, structure
+from decomotion.data.structure.places import MOST_FRAMES, frames_to_place_by
+from decomotion.units import to_units
+
+HEIGHT, WIDTH = 180, 320
+POINTS = 300
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Points of each frame at random pixels and depths, seen by a camera in all frames."""
+
+    points: npt.NDArray[np.float32]
+    targets: npt.NDArray[np.float32]
+
+    @property
+    def frames(self) -> int:
+        return len(self.points)
+
+    def structure(self, confidence: npt.NDArray[np.uint8], targets: npt.NDArray[np.float32] | None = None) -> Structure:
+        still = np.ones(self.points.shape[:2], bool)
+        random = np.random.default_rng(3)
+        told = self.targets if targets is None else targets
+        return structure(self.points, told, confidence, still, (HEIGHT, WIDTH), random)
+
+    def error(self, found: Structure, frame: int, target: int) -> npt.NDArray[np.floating]:
+        """[point]: units between where points are expected and where they are."""
+        every = np.arange(POINTS)
+        expected = found.expected(np.full(POINTS, frame), np.full(POINTS, target), every)
+        return np.linalg.norm(expected.xy.numpy() - to_units(self.targets[frame, target], HEIGHT, WIDTH), axis=-1)
+
+    def certain(self) -> npt.NDArray[np.uint8]:
+        """All that is in the frame is known."""
+        inside = ((self.targets >= 0) & (self.targets <= [WIDTH - 1, HEIGHT - 1])).all(axis=-1)
+        return np.where(inside, np.uint8(255), np.uint8(0))
+
+
+def filmed(frames: int = 16, turn: float = 0.03, move: tuple[float, float, float] = (0.12, 0.01, 0.06)) -> Scene:
+    """A pinhole camera that turns by `turn` radians and moves by `move` from frame to frame."""
+    random = np.random.default_rng(7)
+    focal, centre = 300.0, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    points = random.random((frames, POINTS, 2)) * [WIDTH - 1, HEIGHT - 1]
+    depth = random.uniform(3, 12, (frames, POINTS, 1))
+    turns = [_about_y(turn * (frame - frames / 2)) for frame in range(frames)]
+    places = [np.array(move) * (frame - frames / 2) for frame in range(frames)]
+    targets = np.empty((frames, frames, POINTS, 2))
+    for i in range(frames):
+        rays = np.concatenate([(points[i] - centre) / focal, np.ones((POINTS, 1))], axis=1)
+        world = (rays * depth[i]) @ turns[i] + places[i]
+        for j in range(frames):
+            seen = (world - places[j]) @ turns[j].T
+            targets[i, j] = seen[:, :2] / seen[:, 2:] * focal + centre
+    return Scene(points.astype(np.float32), targets.astype(np.float32))
+
+
+def _about_y(angle: float) -> npt.NDArray[np.floating]:
+    return np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+
+
+def hidden_late(scene: Scene, seen: int) -> npt.NDArray[np.uint8]:
+    """Half of the points are linked to frames that are nearer than `seen` alone."""
+    confidence = scene.certain()
+    frames = np.arange(scene.frames)
+    far = np.abs(frames[:, None] - frames) >= seen
+    confidence[..., : POINTS // 2] *= ~far[..., None]
+    return confidence
+
+
+def test_hidden_points_are_expected_where_parallax_leads_them() -> None:
+    scene = filmed()
+    found = scene.structure(hidden_late(scene, 6))
+    for frame, target in ((0, 12), (15, 4), (4, 15)):
+        error = scene.error(found, frame, target)[: POINTS // 2]
+        assert np.median(error) < 0.15
+        assert np.percentile(error, 90) < 1.0
+        away = np.linalg.norm(scene.targets[frame, target] - scene.points[frame], axis=-1)
+        assert np.median(away) > 20, "the scene moves by much more"
+
+
+@pytest.mark.parametrize(
+    ("turn", "move"), [(0.0, (0.0, 0.0, 0.0)), (0.04, (0.0, 0.0, 0.0)), (0.0, (0.0, 0.0, 0.12)), (0.0, (0.2, 0.0, 0.0))]
+)
+def test_cameras_that_stand_turn_or_only_move(turn: float, move: tuple[float, float, float]) -> None:
+    scene = filmed(turn=turn, move=move)
+    found = scene.structure(hidden_late(scene, 6))
+    error = np.concatenate([scene.error(found, i, j)[: POINTS // 2] for i, j in ((2, 13), (13, 2))])
+    assert np.median(error) < 0.15
+    assert np.isfinite(found.covariance).all()
+
+
+def test_what_moves_otherwise_neither_bends_cameras_nor_agrees() -> None:
+    scene = filmed()
+    targets = scene.targets.copy()
+    other = np.arange(POINTS) % 4 == 0
+    frames = np.arange(scene.frames)
+    targets[:, :, other] = scene.points[:, None, other]  # stays where it is in the picture
+    targets[:, :, other, 1] += 2.0 * (frames - frames[:, None])[..., None]
+    found = scene.structure(scene.certain(), targets)
+    assert np.median(scene.error(found, 1, 14)[~other]) < 0.15
+    assert found.agreement[:, ~other].mean() > 0.95
+    assert found.agreement[:, other].mean() < 0.5
+
+
+def test_links_that_hold_on_to_what_hides_a_point_are_left_out() -> None:
+    scene = filmed()
+    confidence, targets = scene.certain(), scene.targets.copy()
+    lost = np.arange(POINTS) % 3 == 0
+    frames = np.arange(scene.frames)
+    late = np.argwhere(frames - frames[:, None] >= 7)
+    for i, j in late:
+        targets[i, j, lost] = targets[i, i + 7, lost]  # stays with what hides it
+        confidence[i, j, lost] = 120
+    found = scene.structure(confidence, targets)
+    assert np.median(scene.error(found, 0, 14)[lost]) < 0.3
+
+
+def test_the_less_is_known_the_less_it_weighs() -> None:
+    scene = filmed()
+    confidence = scene.certain()
+    confidence[2, 6:, :100] = 0  # linked to frames 0 to 5
+    confidence[2, 6:, 100:200] = confidence[2, 0, 100:200] = 0  # to four frames: too few
+    found = scene.structure(confidence)
+
+    def weight(points: slice, target: int) -> float:
+        which = np.arange(POINTS)[points]
+        return float(found.expected(np.full(100, 2), np.full(100, target), which).weight.mean())
+
+    assert weight(slice(200, 300), 15) > 0.95
+    assert weight(slice(0, 100), 6) > weight(slice(0, 100), 15) > 0.2
+    assert weight(slice(100, 200), 6) == 0
+
+
+def test_points_are_anchored_where_they_are() -> None:
+    scene = filmed()
+    confidence = scene.certain() // 2
+    noise = np.random.default_rng(5).normal(scale=1.5, size=scene.targets.shape).astype(np.float32)
+    found = scene.structure(confidence, scene.targets + noise)
+    assert np.median(scene.error(found, 8, 8)) < 0.4
+
+
+@pytest.mark.parametrize("points", [0, 3])
+def test_too_few_still_points_expect_nothing(points: int) -> None:
+    scene = filmed(frames=9)
+    confidence = scene.certain()
+    confidence[..., points:] = 0
+    still = np.zeros(scene.points.shape[:2], bool)
+    still[:, :points] = True
+    random = np.random.default_rng(0)
+    found = structure(scene.points, scene.targets, confidence, still, (HEIGHT, WIDTH), random)
+    assert np.isfinite(found.places).all()
+    assert (found.agreement[:, points:] == 0).all()
+
+
+def test_two_frames_have_no_structure() -> None:
+    scene = filmed(frames=2)
+    found = scene.structure(scene.certain())
+    assert (found.agreement == 0).all()
+
+
+def test_chance_is_the_given_generator() -> None:
+    scene = filmed(frames=8)
+    one, other = (scene.structure(scene.certain()) for _ in range(2))
+    assert np.array_equal(one.places, other.places)
+
+
+@pytest.mark.parametrize("frames", [5, MOST_FRAMES, MOST_FRAMES + 1, 103, 400])
+def test_points_are_placed_by_a_bounded_number_of_frames(frames: int) -> None:
+    for frame in (0, frames // 3, frames - 1):
+        by = frames_to_place_by(frame, frames)
+        assert frame in by
+        assert len(by) <= MOST_FRAMES + 2
+        assert by.min() <= 17 or frames > 300
+        assert set(range(max(0, frame - 4), min(frames, frame + 5))) <= set(by)
+    if frames <= MOST_FRAMES:
+        assert len(frames_to_place_by(1, frames)) == frames
