@@ -139,25 +139,28 @@ class Sampler:
         known: UInt8[Tensor, "pair candidate"],
         hidden: Int[Tensor, "pair hidden"],
     ) -> Expected:
-        """Of the candidates `hidden`, by those of which the target is known and which move, or stand, as they do."""
+        """Of the candidates `hidden`: by structure where they stand still, else by what is around them.
+
+        Around them are those candidates of which the target is known and which move, or stand, as they do.
+        """
         pool, points = self._pool, candidates.numpy()
         moving = torch.from_numpy(np.ascontiguousarray(pool.moving[frame, points]))
-        alike = moving.gather(1, hidden)[..., None] == moving[:, None]
+        its_moving = moving.gather(1, hidden)
         xy = _tensor(to_units(pool.points[frame, points], pool.longer_side))
         found = expected(
             xy.gather(1, hidden[..., None].expand(-1, -1, 2)),
             xy,
             _tensor(to_units(pool.targets[frame, target, points], pool.longer_side)),
-            alike * (known[:, None].float() / 255),
+            (its_moving[..., None] == moving[:, None]) * (known[:, None].float() / 255),
         )
         if pool.structure is not None:
             which = candidates.gather(1, hidden).numpy()
-            i, j = np.broadcast_to(frame, which.shape), np.broadcast_to(target, which.shape)
-            placed = pool.structure.expected(i, j, which)
-            stands = (moving.gather(1, hidden) != 1) & _tensor(pool.confidence[i, j, which] == 0).bool()
-            stands &= torch.from_numpy(pool.structure.agreement[i, which] > 0)
+            unknown = pool.confidence[frame, target, which] == 0  # structure has seen links that are held out
+            placed = torch.from_numpy(unknown & (pool.structure.agreement[frame, which] > 0)) & (its_moving != 1)
+            by_structure = pool.structure.expected(frame, target, which)
             found = Expected(
-                torch.where(stands[..., None], placed.xy, found.xy), torch.where(stands, placed.weight, found.weight)
+                torch.where(placed[..., None], by_structure.xy, found.xy),
+                torch.where(placed, by_structure.weight, found.weight),
             )
         return Expected(found.xy, torch.where(known.gather(1, hidden) > 0, 0.0, found.weight))
 

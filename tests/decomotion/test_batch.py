@@ -11,6 +11,7 @@ import torch
 from decomotion.config import load
 from decomotion.data.batch import Batch, Sampler
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
+from decomotion.data.structure import Structure
 from decomotion.schedule import OptimConfig
 
 FRAMES, POINTS = 6, 40
@@ -223,6 +224,27 @@ def test_hidden_points_have_a_share_and_are_expected_with_what_moves_as_they_do(
     gone_to = torch.where(batch.moving[..., None] == 1, torch.tensor([20.0, 0.0]), torch.tensor([0.0, -8.0]))
     told = hidden & (batch.expected_weight > 0)
     torch.testing.assert_close(batch.expected_xy[told], (batch.xy + gone_to)[told], rtol=0, atol=0.01)
+
+
+def test_hidden_points_that_stand_still_are_expected_by_structure():
+    """A camera that sees all at (0, 0), the centre; of what moves or was held out structure says nothing."""
+    cameras = np.zeros((FRAMES, 3, 4), np.float32)
+    cameras[:, 2, 3] = 1
+    agreement = np.full((FRAMES, POINTS), 0.5, np.float32)
+    agreement[:, 4] = 0
+    covariance = np.zeros((FRAMES, POINTS, 3, 3), np.float32)
+    structure = Structure(cameras, np.zeros((FRAMES, POINTS, 3), np.float32), covariance, agreement)
+    moving = np.tile(np.arange(POINTS) % 4 == 1, (FRAMES, 1)).astype(np.uint8)
+    moving[:, 6] = UNKNOWN_MOTION
+    confidence = np.full((FRAMES, FRAMES, POINTS), 255, np.uint8)
+    confidence[..., :20] = 0
+    pool = make_pool(structure=structure, moving=moving, confidence=confidence)
+    held_out = lambda i, j, p: (p >= 20) & (p < 26) & (i + 0 * j >= 0)  # noqa: E731
+    batch = draw(Sampler(pool, config(pairs=200, points=40, candidates=3, hidden_share=0.5), held_out), 5)
+    told = (batch.confidence == 0) & (batch.expected_weight > 0)
+    by_structure = told & (batch.expected_weight == 0.25) & (batch.expected_xy == 128).all(dim=-1)
+    assert set(batch.point[by_structure].tolist()) == {p for p in range(20) if p % 4 != 1 and p != 4}
+    assert (told & ~by_structure).any(), "the others by what is around them"
 
 
 def test_where_all_targets_are_known_nothing_is_expected():

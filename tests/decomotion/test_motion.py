@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from decomotion.data.motion import build_motion, closed_form, read_at
+from decomotion.data.pool import open_pool
+from decomotion.data.positions import pack
+from decomotion.units import to_units
 
 FRAMES, HEIGHT, WIDTH = 5, 40, 64
 SCENE, OBJECT = np.array([1.0, -0.5]), np.array([-2.0, 1.5])
@@ -74,7 +77,32 @@ def test_what_the_stage_leaves(kind: str, values: set[int], share: float | None,
     points[..., 0] = np.where(np.arange(60) < 15, 8, 50)
     masks = np.broadcast_to(np.arange(WIDTH) > 31, (FRAMES, HEIGHT, WIDTH)) if kind == "given" else None
     likely = np.broadcast_to(np.float32(np.arange(10) > 4), (FRAMES, 6, 10)) if kind == "found" else None
-    facts = build_motion((HEIGHT, WIDTH), points, targets, confidence, masks, likely, tmp_path)
+    random = np.random.default_rng(0)
+    facts = build_motion((HEIGHT, WIDTH), points, targets, confidence, masks, likely, random, tmp_path)
     assert facts == {"moving": share}
     assert set(np.unique(np.load(tmp_path / "moving.npy"))) == values
     assert np.load(tmp_path / "camera.npy").shape == np.load(tmp_path / "object.npy").shape == (FRAMES, 2, 3)
+
+
+def test_the_structure_is_that_of_what_stands_still(tmp_path: Path):
+    """Of ten frames of twice the points: the pool opens it, and it goes where the scene goes."""
+    random = np.random.default_rng(4)
+    frames, points = 10, 200
+    xy = random.uniform((0, 0), (WIDTH - 1, HEIGHT - 1), (frames, points, 2)).astype(np.float32)
+    gap = (np.arange(frames)[None] - np.arange(frames)[:, None])[..., None, None]
+    right = np.arange(points) < points // 2
+    xy[..., 0] = np.where(right, 40 + xy[..., 0] / 3, xy[..., 0] / 2)
+    targets = (xy[:, None] + gap * np.where(right[:, None], OBJECT, SCENE)).astype(np.float32)
+    confidence = np.full(targets.shape[:3], 200, np.uint8)
+    masks = np.broadcast_to(np.arange(WIDTH) > 35, (frames, HEIGHT, WIDTH))
+    build_motion((HEIGHT, WIDTH), xy, targets, confidence, masks, None, random, tmp_path)
+    for name, array in (("points", xy), ("targets", pack(targets, WIDTH)), ("confidence", confidence)):
+        np.save(tmp_path / f"{name}.npy", array)
+    np.save(tmp_path / "rgb.npy", np.zeros((frames, points, 3), np.uint8))
+    np.save(tmp_path / "feature.npy", np.zeros((frames, points, 0), np.float16))
+    structure = open_pool([tmp_path], WIDTH).structure
+    assert structure is not None
+    found = structure.expected(np.int64([2]), np.int64([8]), np.arange(points)).xy.numpy()
+    there = to_units(targets[2, 8], HEIGHT, WIDTH)
+    assert np.median(np.linalg.norm(found - there, axis=-1)[~right]) < 0.1
+    assert structure.agreement[:, ~right].mean() > 0.9 > structure.agreement[:, right].mean()

@@ -44,7 +44,7 @@ class Structure:
     """[frame, point]: share of a point's links that are of this rigid body; 0 where too few are known to tell."""
 
     def expected(self, frame: Indices, target: Indices, point: Indices) -> Expected:
-        """Where points of a frame are seen in a target frame, all three of one shape.
+        """Where points of a frame are seen in a target frame; the three are broadcast against each other.
 
         The weight is the square of the point's agreement, and half of that where the standard deviation is `DEVIATION`.
         """
