@@ -242,7 +242,7 @@ def test_hidden_points_that_stand_still_are_expected_by_structure():
     held_out = lambda i, j, p: (p >= 20) & (p < 26) & (i + 0 * j >= 0)  # noqa: E731
     batch = draw(Sampler(pool, config(pairs=200, points=40, candidates=3, hidden_share=0.5), held_out), 5)
     told = (batch.confidence == 0) & (batch.expected_weight > 0)
-    by_structure = told & (batch.expected_weight == 0.25) & (batch.expected_xy == 128).all(dim=-1)
+    by_structure = told & (batch.expected_weight == 0.5) & (batch.expected_xy == 128).all(dim=-1)
     assert set(batch.point[by_structure].tolist()) == {p for p in range(20) if p % 4 != 1 and p != 4}
     assert (told & ~by_structure).any(), "the others by what is around them"
 

@@ -46,7 +46,7 @@ class Structure:
     def expected(self, frame: Indices, target: Indices, point: Indices) -> Expected:
         """Where points of a frame are seen in a target frame; the three are broadcast against each other.
 
-        The weight is the square of the point's agreement, and half of that where the standard deviation is `DEVIATION`.
+        The weight is the point's agreement, and half of that where the standard deviation is `DEVIATION`.
         """
         cameras, x = self.cameras[target], self.places[frame, point]
         seen = (cameras[..., :3] @ x[..., None])[..., 0] + cameras[..., 3]
@@ -54,7 +54,7 @@ class Structure:
         at = seen[..., :2] / depth
         slope = (cameras[..., :2, :3] - at[..., None] * cameras[..., 2:, :3]) / depth[..., None]
         variance = ((slope @ self.covariance[frame, point]) * slope).sum(axis=(-1, -2))
-        weight = self.agreement[frame, point] ** 2 / (1 + variance / DEVIATION**2)
+        weight = self.agreement[frame, point] / (1 + variance / DEVIATION**2)
         return Expected(torch.from_numpy((at + 1) * np.float32(HALF)), torch.from_numpy(weight))
 
 

@@ -1,8 +1,4 @@
-"""Where points lie, by cameras and each point's own links: those that are near in time first.
-
-Links go wrong late: behind what hides a point they may hold on to that. So links are let in as their frames are farther
-and farther away, by which time those that do not follow where the others lead are left out.
-"""
+"""Where points lie, by cameras and each point's own links: those that do not follow where the others lead count less."""
 
 from __future__ import annotations
 
@@ -13,12 +9,11 @@ from decomotion.data.structure.equations import DEVIATION, HALF, Equations, Floa
 
 OWN = 10.0
 """How many links a point's own place counts."""
-NEAR, GROWING = 4.0, 1.3
-"""Links that many frames away count 1 / e at first; in each round that many times farther ones do."""
+NEAR = 4.0
+"""Links that many frames away count 1 / e when a point is first placed: they go wrong late, behind what hides it."""
 LENIENT, STRICTER = 2.0, 0.8
 """How many times the deviation is allowed at first, and by what that is multiplied in each round."""
 ROUNDS = 12
-"""In the last two all links count, however far away."""
 NOISE = 0.3 / HALF
 """The least deviation of links, which covariances come from."""
 FEWEST_LINKS = 6
@@ -46,12 +41,10 @@ def place(seen: Floats, counts: Floats, cameras: Floats, gap: npt.NDArray[np.int
     others, gap = np.where(gap == 0, 0.0, counts), np.abs(gap)
     counts = np.where(gap == 0, OWN, counts)
     equations = Equations(seen, cameras)
-    reach = NEAR
-    x, normal = equations.solved(counts * np.exp(-gap / reach))
+    x, normal = equations.solved(counts * np.exp(-gap / NEAR))
     for turn in range(ROUNDS):
         weight = weights(counts, *equations.missed(x), DEVIATION * max(1.0, LENIENT * STRICTER**turn))
-        reach *= GROWING
-        x, normal = equations.solved(weight if turn >= ROUNDS - 2 else weight * np.exp(-gap / reach))
+        x, normal = equations.solved(weight)
     missed, _ = equations.missed(x)
     noise = np.sqrt((weight * missed**2).sum(axis=1) / weight.sum(axis=1)).clip(min=NOISE)
     agreeing = others / (1 + (missed / DEVIATION) ** 2)
