@@ -80,15 +80,15 @@ def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
 
 
 def test_all_parts_count(flows: Flows) -> None:
-    """Matching 10, 14 fields of 2 seconds 28, features and masks 20; and a point of every frame has 56 hops by flow
-    and 20 by matches: 0.106 seconds, 256 of them 27.1. Altogether 86 seconds."""
+    """Matching 10, 14 fields of 2 seconds 28, features, masks and structure 20; and a point of every frame has 56 hops
+    by flow and 20 by matches: 0.106 seconds, 256 of them 27.1. Altogether 86 seconds."""
     hop = check_time(CLIP, settings(86.0), flows, 500, 1.0, after=lambda points: points * 20 / 256)
     assert hop == DEAR
     sentence = (
         "8 frames are too many for the time that there is: to prepare them takes at least 86 seconds (matching 10, "
-        "flow between neighbours 28, links of 256 points a frame 27, features and masks 20), and there are 85; give "
-        "--prepare-budget 86s or longer, to decomo-train also --time-budget 115s or longer for each window, or a part, "
-        "CLIP@A:B"
+        "flow between neighbours 28, links of 256 points a frame 27, features, masks and structure 20), and there are "
+        "85; give --prepare-budget 86s or longer, to decomo-train also --time-budget 115s or longer for each window, "
+        "or a part, CLIP@A:B"
     )
     with pytest.raises(SupervisionError, match=re.escape(sentence)):
         check_time(CLIP, settings(85.0), flows, 500, 1.0, after=lambda points: points * 20 / 256)
@@ -99,7 +99,9 @@ def test_what_is_linked_again_counts(flows: Flows) -> None:
     """A third of the points: 36 seconds for 27."""
     hop = check_time(CLIP, settings(96.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
     assert (hop.flow, hop.match) == pytest.approx((DEAR.flow * 4 / 3, DEAR.match * 4 / 3))
-    with pytest.raises(SupervisionError, match=r"at least 95 seconds .* points a frame 36, features and masks 20"):
+    with pytest.raises(
+        SupervisionError, match=r"at least 95 seconds .* points a frame 36, features, masks and structure 20"
+    ):
         check_time(CLIP, settings(94.0), flows, 500, 4 / 3, after=lambda points: points * 20 / 256)
 
 

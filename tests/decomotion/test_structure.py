@@ -111,7 +111,7 @@ def test_what_is_found_badly_weighs_little() -> None:
     weight = expected(found, 2, 13).weight.numpy()[FIRST_HALF & (scene.certain()[2, 13] > 0)]
     assert np.median(error) < 2
     assert weight[error < 1].mean() > 0.8
-    assert weight[error > 4].mean() < 0.5
+    assert weight[error > 4].mean() < 0.65
 
 
 def test_what_moves_otherwise_neither_bends_cameras_nor_agrees() -> None:

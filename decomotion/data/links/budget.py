@@ -49,7 +49,7 @@ def check_time(
         "flow between neighbours": flows.seconds(count_fields((1,), frames)),
         f"links of {points} points a frame": points
         * hop.of_a_point(frames, (1,), flows.matches.intervals, config.pool.max_gap),
-        "features and masks": after(points),
+        "features, masks and structure": after(points),
     }
     least = math.ceil(sum(parts.values()))
     if least > max(config.prepare_budget, PATIENCE):

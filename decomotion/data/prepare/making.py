@@ -27,6 +27,7 @@ from decomotion.data.prepare.inputs import Inputs
 from decomotion.data.prepare.keys import Keys
 from decomotion.data.sampling import rescaled, sample_map
 from decomotion.data.stages import write_array
+from decomotion.data.structure.places import seconds_a_frame as seconds_to_place
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
 
@@ -75,8 +76,9 @@ class Making:
         return moving_probability(self.working.frames, *linked, *how)
 
     def seconds_after_links(self, points: int) -> float:
-        """What features and masks will take on this machine, about, by those of a frame with so many points."""
-        inputs, frames, seconds = self.inputs, self.working.frames, 0.0
+        """What features, masks and structure will take here, about, by those of a frame with so many points."""
+        inputs, frames = self.inputs, self.working.frames
+        seconds = seconds_to_place(points, len(frames), generator(inputs.seed, "cost"))
         extractor = inputs.extractor
         if extractor is not None:
             sides = (self.working.height, self.working.width)

@@ -92,10 +92,13 @@ def structure(
         those = np.flatnonzero(still[frame])
         chosen = random.choice(those, min(len(those), -(-SAMPLE // frames)), replace=False)
         drawn.append((*links(frame, chosen, every), np.tile(np.abs(every - frame), (len(chosen), 1))))
-    cameras = fit_cameras(*(np.concatenate(each) for each in zip(*drawn, strict=True)), random)
-    placed = []
+    seen, counts, gap = (np.concatenate(each) for each in zip(*drawn, strict=True))
+    cameras = fit_cameras(seen, counts, gap, random)
+    places, covariance, agreement = (
+        np.empty((frames, points.shape[1], *shape), np.float32) for shape in ((3,), (3, 3), ())
+    )
     for frame in range(frames):
         by = frames_to_place_by(frame, frames)
-        placed.append(place(*links(frame, slice(None), by), cameras[by], by - frame))
-    places, covariance, agreement = (np.stack(each).astype(np.float32) for each in zip(*placed, strict=True))
+        placed = place(*links(frame, slice(None), by), cameras[by], by - frame)
+        places[frame], covariance[frame], agreement[frame] = placed
     return Structure(cameras.astype(np.float32), places, covariance, agreement)
