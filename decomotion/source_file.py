@@ -17,7 +17,9 @@ class SourceFile:
 
     def __init__(self, path: Path) -> None:
         self.shown, self.path = path, path.absolute()  # the working directory may change
-        self._stamp = self._seen()
+        self._stamp, status = self._seen(), self.path.stat()
+        self.identity = str(self.path), *self._stamp, status.st_ctime_ns, status.st_ino
+        """What tells this file, as it is, from all others, without reading it."""
 
     @property
     def url(self) -> str:
