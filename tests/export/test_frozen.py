@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from decomo_export import baking, lookup
-from decomo_export.baking import LEVELS, BakedSurfaces
+from decomo_export.baking import LEVELS, Bake, BakedSurfaces
 from decomo_export.graph import QueryGraph
 from decomo_export.lookup import CellGrid, Raster, Table, spare_memory
 from decomotion.compositing import composite, composite_weights, thickened
@@ -151,7 +151,7 @@ def test_cell_grid_is_grid_sample(folded: bool):
 
 @torch.no_grad()
 @pytest.mark.parametrize("bake", ["none", "depth", "full"])
-def test_tables_that_are_left_as_they_are_say_the_same(model: DecoMotion, bake: str, monkeypatch: pytest.MonkeyPatch):
+def test_tables_that_are_left_as_they_are_say_the_same(model: DecoMotion, bake: Bake, monkeypatch: pytest.MonkeyPatch):
     graph, queries, frames = QueryGraph(model, bake), random_queries(40), torch.tensor([3, 0, 4, 4])
     queries[:4, 1:] = torch.tensor([[-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], [WIDTH - 0.5, -0.5], [0.0, HEIGHT - 1]])
     unfolding = graph(queries, frames)
@@ -185,7 +185,7 @@ def test_large_tables_are_left_as_they_are(monkeypatch: pytest.MonkeyPatch):
 
 @torch.no_grad()
 @pytest.mark.parametrize("bake", ["none", "depth", "full"])
-def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: str):
+def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: Bake):
     queries = random_queries(20)
     tracks, occlusion, *_ = QueryGraph(model, bake)(queries, torch.arange(FRAMES))
     rows, home = np.arange(20), queries[:, 0].long()
