@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,14 +27,9 @@ from decomotion.options import (
 if TYPE_CHECKING:
     from decomotion.clip import Clip
     from decomotion.config import Config
-    from decomotion.windows import Windows
 
 log = logging.getLogger(__name__)
 
-DEFAULT_BUDGET = "10m"
-"""Of each window."""
-MINUTES = ("cpu", "omnimotion")
-"""Presets that have a default budget in minutes, not in steps."""
 CORRECTING = ("finished", "corrections")
 CORRECTION_BUDGET = "1m"
 """Of a fit that follows corrections."""
@@ -51,8 +47,9 @@ MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 @click.option(
     "--time-budget",
     type=Duration(),
-    help="End after this much wall time, preparation included (30s, 10m, 1h); windows share it by their length.  "
-    f"[default: {DEFAULT_BUDGET} with the cpu preset and omnimotion, for each window; none with paper; "
+    help="End after this much wall time, preparation included (30s, 10m, 1h); windows share "
+    "it by their length.  [default: 10m with the cpu preset and omnimotion, for each of two windows too, 8m of three, "
+    "6m of more, where those that are fitted at a time count as one; none with paper; "
     f"{CORRECTION_BUDGET} with --corrections]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
@@ -114,6 +111,7 @@ def command(
     folder = out if out is not None else Path("runs") / frames.name
     check_folder("--out", folder)
 
+    from decomotion.default_time import PRESETS_IN_TIME, announcement, default_seconds
     from decomotion.long_clip import check_no_files, fit_windows, lay_out, read_windows
     from decomotion.record import check_resumable
     from decomotion.windows import FILE_NAME
@@ -128,28 +126,26 @@ def command(
             raise ConfigError(_resume_refused(decided))
         _fit_one(frames, folder, time_budget=time_budget, **how)
         return
-    each = None  # seconds of a window, where neither a time nor steps are given
     if goes_on:
         layout, _, begun_with = read_windows(folder)
         if passed_on and passed_on != begun_with:
             raise ConfigError(_resume_refused(decided))
-        passed_on = begun_with
+        passed_on, config = begun_with, _config_of(begun_with)
     else:
         config, layout = supervision.config(), lay_out(frames, window, shots)
-        if config.preset in MINUTES and time_budget is None and steps is None:
-            each = Duration().convert(DEFAULT_BUDGET, None, None)
-        if len(layout.windows) == 1:
-            seconds = time_budget or each
-            _announce(layout, steps, seconds, 1)
-            _fit_one(frames, folder, config=config, time_budget=seconds, **how)
-            return
-        check_no_files(config.data)
+    in_time = config.preset in PRESETS_IN_TIME
+    if not goes_on and len(layout.windows) == 1:
+        seconds = default_seconds(1, 1) if in_time and steps is None and time_budget is None else time_budget
+        log.info("%s", announcement(layout, 1, steps, seconds))
+        _fit_one(frames, folder, config=config, time_budget=seconds, **how)
+        return
+    check_no_files(config.data)
 
-    def announce(jobs: int) -> None:
-        _announce(layout, steps, time_budget if each is None else each * len(layout.windows) / jobs, jobs)
+    def announce(jobs: int, seconds: float | None) -> None:
+        log.info("%s", announcement(layout, jobs, steps, seconds))
 
     longer = resume and (steps is not None or time_budget is not None)
-    given = {"steps": steps, "time_budget": time_budget, "longer": longer}
+    given = {"steps": steps, "time_budget": time_budget, "in_time": in_time, "longer": longer}
     fit_windows(clip, frames, layout, folder, passed_on, engine=chosen_engine(**engine_choice), told=announce, **given)
     click.echo(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
@@ -157,28 +153,10 @@ def command(
     )
 
 
-def _announce(layout: Windows, steps: int | None, seconds: float | None, jobs: int) -> None:
-    """Says what will be done and how long it will take, as far as that is known."""
-    from decomotion.quality import ENOUGH_STEPS
-
-    count = len(layout.windows)
-    what = f"{layout.clip}: {layout.num_frames} frames of {layout.width}x{layout.height}"
-    if count > 1:
-        what += f" in {count} windows of up to {max(map(len, layout.windows))} frames, {jobs} at a time"
-    how_long, less = "as many steps as the preset has" if steps is None else f"{steps} steps", ""
-    if seconds is not None:
-        each = f" in all, {_spoken(seconds * jobs / count)} for each" if count > 1 else ""
-        how_long = f"{_spoken(seconds)}{each}, then the export"
-        less = f"; less takes fewer steps, and fits of fewer than {ENOUGH_STEPS:,} follow worse"
-    log.info("%s; %s (--time-budget or --steps say otherwise%s)", what, how_long, less)
-
-
-def _spoken(seconds: float) -> str:
-    """`90 s`, `10 min`, `6 h 50 min`."""
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
+def _config_of(options: Sequence[str]) -> Config:
+    """That of a window which was begun with these options."""
+    chosen = command.make_context("decomo-train", ["-", *options]).params
+    return Supervision(**{each.name: chosen[each.name] for each in fields(Supervision)}).config()
 
 
 def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:

@@ -19,7 +19,7 @@ from decomotion.frame_gaps import OTHER_SUFFIXES, check_kinds
 from decomotion.frame_order import frame_order
 from decomotion.frames import READING, Frames, Image, Source
 from decomotion.greys import SIDE, Grey, shrunk, size_of_grey
-from decomotion.images import Header, header, plausible
+from decomotion.images import Header, header, plausible, transparent_grey
 from decomotion.source_file import SourceFile
 
 log = logging.getLogger(__name__)
@@ -181,15 +181,20 @@ def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:
     if image is None:
         return None
     picture = _decoded_picture(content, cv2.IMREAD_UNCHANGED)
-    opaque = None if picture is None else where_opaque(picture)
+    opaque = None if picture is None else where_opaque(picture, content)
     if opaque is not None and opaque.shape == image.shape[:2]:
         return opaque
     return image.max(axis=-1) > (0 if suffix.lower() == ".png" else JPEG_BLACK)
 
 
-def where_opaque(picture: AnyDepth) -> npt.NDArray[np.bool_] | None:
-    """Where a picture [H, W, 4] is not wholly transparent, [H, W]; None of others, and where it is so nowhere."""
+def where_opaque(picture: AnyDepth, content: bytes) -> npt.NDArray[np.bool_] | None:
+    """Where a picture [H, W, 4], or the [H, W] of a file of this content, is not wholly transparent, [H, W].
+
+    None where it is so nowhere.
+    """
     opaque = picture[..., 3] > 0 if picture.ndim == 3 and picture.shape[2] == 4 else None
+    if picture.ndim == 2 and (value := transparent_grey(content)) is not None:
+        opaque = picture != value
     return None if opaque is None or opaque.all() else opaque
 
 

@@ -37,6 +37,11 @@ def shrunk(grey: npt.NDArray[np.uint8], size: tuple[int, int]) -> Grey:
     return np.asarray(resized, np.float32)
 
 
+def stored(grey: Grey) -> Grey:
+    """As `GreyFile` gives it back."""
+    return grey.astype(np.float16).astype(np.float32)
+
+
 class GreyFile:
     """Small pictures of one size in a temporary file, which goes with the object: those of hours take no memory.
 

@@ -18,6 +18,8 @@ HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
 """Markers of a JPEG's size where that holds."""
 EXIF, ORIENTATION, LAST_UPRIGHT = 0xE1, 0x112, 4
 """Marker of EXIF in a JPEG, its tag of how the picture lies, and its last value that leaves height and width."""
+PNG, GREY = b"\x89PNG", 0
+"""How such a file begins, and its colour type of grey alone."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
 
 
@@ -73,8 +75,23 @@ def _plausible_jpeg(content: bytes) -> bool:
     return True
 
 
+def transparent_grey(content: bytes) -> int | None:
+    """The grey that a plausible PNG declares to be transparent, as OpenCV gives it: fewer than 8 bits spread over 8.
+
+    None of others; OpenCV tells of transparent colours itself.
+    """
+    if not content.startswith(PNG) or content[25] != GREY:
+        return None
+    place = next((place for kind, place in _chunks(content) if kind == b"tRNS"), None)
+    if place is None or struct.unpack_from(">I", content, place - 8)[0] != 2:
+        return None
+    (value,) = struct.unpack_from(">H", content, place)
+    bits = content[24]
+    return value if bits == 16 else (value % (1 << bits)) * 255 // ((1 << bits) - 1)
+
+
 def _header_of_png(content: bytes) -> Header | None:
-    if b"eXIf" in _chunks(content):
+    if any(kind == b"eXIf" for kind, _ in _chunks(content)):
         return None
     width, height, bits = struct.unpack_from(">IIB", content, 16)
     return Header(height, width, max(8, bits))
@@ -105,11 +122,14 @@ def _orientation(exif: bytes) -> int:
     return 1
 
 
-def _chunks(content: bytes) -> Iterator[bytes]:
-    """The kinds of a PNG's chunks up to its end: each is length, kind, content, checksum."""
+def _chunks(content: bytes) -> Iterator[tuple[bytes, int]]:
+    """The kinds of a PNG's chunks and where their content begins, up to its end.
+
+    Each is length, kind, content, checksum.
+    """
     place = 8
     while (kind := content[place + 4 : place + 8]) != b"IEND":
-        yield kind
+        yield kind, place + 8
         place += 12 + struct.unpack_from(">I", content, place)[0]
 
 

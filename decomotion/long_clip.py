@@ -25,6 +25,7 @@ from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.cuts import find_cuts
 from decomotion.data.flow.config import FolderFlowConfig
+from decomotion.default_time import default_seconds, rounds
 from decomotion.errors import CheckpointError, ClipError, ConfigError, TrainingError
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.lock import alone
@@ -116,7 +117,7 @@ class WindowTask:
     folder: Path
     """Of its run, in full."""
     options: tuple[str, ...]
-    """Of decomo-train, for a window that is begun."""
+    """Of decomo-train, for a window that is begun: its default time, too."""
     budget: tuple[str, ...]
     """Of decomo-train, for a window that goes on too."""
     logged: bool
@@ -142,9 +143,10 @@ def fit_windows(
     options: Sequence[str],
     *,
     engine: Engine,
-    told: Callable[[int], None],
+    told: Callable[[int, float | None], None],
     steps: int | None = None,
     time_budget: float | None = None,
+    in_time: bool = False,
     longer: bool = False,
 ) -> None:
     """Fits each window of a clip; those that are finished are left alone.
@@ -156,9 +158,11 @@ def fit_windows(
         folder: of the runs.
         options: decomo-train's, for every window, budget not among them.
         engine: where windows are fitted.
-        told: hears, before the first is begun, how many are fitted at a time: they share the time.
+        told: hears, before the first is begun, how many are fitted at a time, and how many seconds each has in the
+            mean; None: steps.
         steps: of each window.
-        time_budget: seconds of all windows, which share it by their length; None, without steps: each has the preset's.
+        time_budget: seconds of all windows, which share it by their length.
+        in_time: of neither, a window that is begun has `default_seconds`, not the preset's steps.
         longer: go on with finished windows too.
 
     Raises `CheckpointError` where the folder holds windows of another clip or with other options, `TrainingError` where
@@ -170,16 +174,23 @@ def fit_windows(
         path, first = _whole(Path(source))
         failed = []
         with engine.start() as room:
-            jobs = min(room.jobs, len(layout.windows))
-            told(jobs)
+            count = len(layout.windows)
+            jobs, seconds = min(room.jobs, count), None
+            if time_budget is not None:
+                seconds = time_budget / rounds(count, jobs)
+            elif steps is None and in_time:
+                seconds = default_seconds(count, jobs)
+            told(jobs, seconds)
             tasks = []
             for window in layout.windows:
-                budget = ["--steps", str(steps)] if steps else []
-                if time_budget is not None:
-                    share = len(window) / sum(map(len, layout.windows)) * jobs
-                    budget = ["--time-budget", f"{max(1.0, share * time_budget):.1f}s"]
+                begun_with, budget = list(options), ["--steps", str(steps)] if steps else []
+                if time_budget is not None and seconds is not None:
+                    share = len(window) * count / sum(map(len, layout.windows))
+                    budget = ["--time-budget", f"{max(1.0, share * seconds):.1f}s"]
+                elif seconds is not None:
+                    begun_with += ["--time-budget", f"{seconds:.1f}s"]
                 part = f"{path}@{first + window.begin}:{first + window.end}"
-                given = (tuple(options), tuple(budget), jobs > 1)
+                given = (tuple(begun_with), tuple(budget), jobs > 1)
                 tasks.append(WindowTask(window.name, part, folder / window.name, *given))
 
             def ready(task: WindowTask) -> WindowTask | Outcome:

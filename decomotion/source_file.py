@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +18,10 @@ class SourceFile:
 
     def __init__(self, path: Path) -> None:
         self.shown, self.path = path, path.absolute()  # the working directory may change
-        self._stamp = self._seen()
+        status = self.path.stat()
+        self._stamp = _stamp(status)
+        self.identity = str(self.path), *self._stamp, status.st_ctime_ns, status.st_ino
+        """What tells this file, as it is, from all others, without reading it."""
 
     @property
     def url(self) -> str:
@@ -27,7 +31,7 @@ class SourceFile:
     def check(self) -> None:
         """Raises `ClipError` where the file is not there any more, or was written to."""
         try:
-            same = self._seen() == self._stamp
+            same = _stamp(self.path.stat()) == self._stamp
         except OSError as error:
             raise ClipError(f"{self.shown} cannot be read any more ({error.strerror}); put it back") from error
         if not same:
@@ -45,6 +49,6 @@ class SourceFile:
         self.check()
         return digest
 
-    def _seen(self) -> tuple[int, int]:
-        status = self.path.stat()
-        return status.st_size, status.st_mtime_ns
+
+def _stamp(status: os.stat_result) -> tuple[int, int]:
+    return status.st_size, status.st_mtime_ns

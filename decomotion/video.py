@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.decoding import Display, decoded, mark, stream_at
+from decomotion.decoding import decoded, stream_at
 from decomotion.errors import ClipError
 from decomotion.frames import Frames
-from decomotion.greys import SIDE, Grey, GreyFile, small_grey
+from decomotion.greys import GreyFile
 from decomotion.lost_frames import Met, lost_frames
 from decomotion.source_file import SourceFile
-from decomotion.video_frames import FrameIndex, VideoFrames
+from decomotion.survey import Survey
+from decomotion.video_frames import FrameIndex, VideoFrames, in_grey
 
 if TYPE_CHECKING:
-    from av import VideoFrame
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
@@ -35,8 +35,6 @@ FALLBACK_RATE = 24.0
 """Frames a second of a file that says nothing of it."""
 ROUNDING = 1e-3
 """Seconds by which a container may round the time of a frame: Matroska has whole milliseconds."""
-_REDUCED = 4
-"""Times `SIDE`, to which frames are brought before their pixels are averaged without rounding."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +53,8 @@ class VideoFile:
 
 def open_video(path: Path, begin: int, end: int | None) -> VideoFile:
     """Opens the frames from `begin` up to but without `end`; None: all. They are decoded once, and none is kept.
+
+    With `end`, they are not where the cache knows the file as far as that (`decomotion.survey`).
 
     Of several video streams it is that which the container holds to be the best, and none that is a picture. Raises
     `ClipError` where there is none, nothing decodes, or frames are of several sizes.
@@ -95,69 +95,58 @@ def _streams(container: InputContainer) -> list[int]:
 
 
 def _opened(file: SourceFile, container: InputContainer, index: int, begin: int, end: int | None) -> VideoFile:
-    stream, met, survey = stream_at(container, index), Met(), _Survey()
-    for number, frame in enumerate(islice(decoded(container, stream, met), end)):
-        survey.count(frame)
-        if number >= begin:
-            survey.look(frame)
-            if len(survey.sizes) > 1:
-                raise ClipError(f"{file.shown} changes its frame size on the way; bring all frames to one size")
+    stream, greys = stream_at(container, index), None
+    survey = None if end is None else Survey.kept(file, index, end)
+    if survey is not None:
+        own = np.array(survey.met.times, np.float64)
+    else:
+        survey, greys = _surveyed(file, container, stream, begin, end)
+        own = _own_times(container, stream, survey.met)
+        if own is not None and len(own):
+            survey.keep(file, index)
+    met = survey.met
     met.unread = _unread(container, stream, met) if met.ended else 0
-    told = _own_times(container, stream, met)
-    times = _times(file.shown.name, stream, met, told)
-    frames = VideoFrames(file, index, survey.index(begin, met, told is not None))
+    times = _times(file.shown.name, stream, met, own)
+    frames = VideoFrames(file, index, _index(survey, begin, own is not None, greys))
     aspect = float(stream.sample_aspect_ratio or 1)
     aspect = 1 / aspect if survey.display.is_turned else aspect
     return VideoFile(Frames(frames), times[begin:] - times[begin:][:1], aspect, len(times))
 
 
-class _Survey:
-    """What is noted of the frames while they are counted."""
+def _surveyed(
+    file: SourceFile, container: InputContainer, stream: VideoStream, begin: int, end: int | None
+) -> tuple[Survey, GreyFile | None]:
+    """Decodes the file up to `end`; small pictures are of the frames from `begin` on, None where there is no room.
 
-    def __init__(self) -> None:
-        from av.video.reformatter import VideoReformatter
+    Raises `ClipError` where those are of several sizes.
+    """
+    from av.video.reformatter import VideoReformatter
 
-        self.sizes: set[tuple[int, int]] = set()
-        """(height, width) of the wanted frames, as they are shown."""
-        self.display = Display()
-        self._marks: list[int] = []
-        self._pts: list[int | None] = []
-        self._converter = VideoReformatter()
-        self._greys: GreyFile | None = None
-        with suppress(OSError):  # no room for temporary files: whoever wants small pictures makes them
-            self._greys = GreyFile()
-
-    def count(self, frame: VideoFrame) -> None:
-        """Notes by what a frame is found again."""
-        if not self._marks:
-            self.display = Display.of(frame)
-        self._marks.append(mark(frame))
-        self._pts.append(frame.pts)
-
-    def look(self, frame: VideoFrame) -> None:
-        """Notes what a wanted frame is like."""
-        height, width = frame.height, frame.width
-        self.sizes.add((width, height) if self.display.is_turned else (height, width))
-        if self._greys is not None:
+    survey, converter, greys = Survey(), VideoReformatter(), None
+    with suppress(OSError):  # no room for temporary files: whoever wants small pictures makes them
+        greys = GreyFile()
+    for number, frame in enumerate(islice(decoded(container, stream, survey.met), end)):
+        survey.add(frame)
+        if number < begin:
+            continue
+        if survey.sizes[number] != survey.sizes[begin]:
+            raise ClipError(f"{file.shown} changes its frame size on the way; bring all frames to one size")
+        if greys is not None:
             try:
-                self._greys.add(self._small(frame))
+                greys.add(in_grey(frame, converter, survey.display))
             except OSError:
-                self._greys = None
+                greys = None
+    return survey, greys
 
-    def _small(self, frame: VideoFrame) -> Grey:
-        """As `small_grey`, without a picture of full size in between."""
-        scale = min(1.0, _REDUCED * SIDE / max(frame.height, frame.width))
-        size = {"width": max(1, round(frame.width * scale)), "height": max(1, round(frame.height * scale))}
-        grey = self._converter.reformat(frame, **size, format="gray", interpolation="AREA").to_ndarray()
-        return small_grey(self.display.upright(np.asarray(grey, np.uint8)))
 
-    def index(self, begin: int, met: Met, times_tell: bool) -> FrameIndex:
-        """What was noted, by which the frames from `begin` on are found again."""
-        pts = [each for each in self._pts if each is not None] if times_tell else None
-        entries = [number for number, key in enumerate(met.keys) if key and pts is not None]
-        height, width = next(iter(self.sizes), (0, 0))
-        shape = (max(0, len(self._marks) - begin), height, width, 3)
-        return FrameIndex(shape, begin, self.display, self._marks, pts, entries, self._greys)
+def _index(survey: Survey, begin: int, times_tell: bool, greys: GreyFile | None) -> FrameIndex:
+    """What the frames from `begin` on are found again by."""
+    pts = [each for each in survey.pts if each is not None] if times_tell else None
+    entries = [number for number, key in enumerate(survey.met.keys) if key and pts is not None]
+    height, width = survey.sizes[-1] if survey.sizes else (0, 0)
+    size = (width, height) if survey.display.is_turned else (height, width)
+    shape = (max(0, len(survey.marks) - begin), *size, 3)
+    return FrameIndex(shape, begin, survey.display, survey.marks, pts, entries, greys)
 
 
 def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:

@@ -9,23 +9,27 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from decomotion.decoding import Display, decoded, mark, stream_at
 from decomotion.frames import READING, Image, Shape, Source
-from decomotion.greys import Grey, GreyFile
+from decomotion.greys import SIDE, Grey, GreyFile, small_grey, stored
 from decomotion.lost_frames import Met
 from decomotion.source_file import SourceFile
 
 if TYPE_CHECKING:
     from av import VideoFrame
     from av.container import InputContainer
+    from av.video.reformatter import VideoReformatter
+
+Picture = TypeVar("Picture", bound=npt.NDArray[Any])
 
 PASSED, PASSED_BYTES = 16, 64 << 20
 """Frames that were decoded on the way to others are kept: at most so many, and as many as fit into so many bytes."""
@@ -33,6 +37,8 @@ TRIES = 3
 """Key frames at which the file is entered for a frame, before it is decoded from its beginning."""
 NEAR = 16
 """Frames up to so far ahead are reached by decoding on, whatever key frames lie between."""
+_REDUCED = 4
+"""Times `SIDE`, to which frames are brought before their pixels are averaged without rounding."""
 
 
 @dataclass(frozen=True)
@@ -52,44 +58,30 @@ class FrameIndex:
     entries: list[int]
     """The key frames at which the file can be entered, ascending; none where `pts` is None."""
     greys: GreyFile | None
-    """A small picture of each wanted frame; None where there was no room."""
+    """A small picture of each wanted frame; None: they are made when asked for."""
 
 
 class VideoFrames(Source):
-    """Reads the frames of one stream of a file, which is open while its frames are read in order."""
+    """Reads the frames of one stream of a file."""
 
     def __init__(self, file: SourceFile, stream: int, index: FrameIndex) -> None:
-        from av.video.reformatter import VideoReformatter
-
-        self._container: InputContainer | None = None
         self.shape = index.shape
         self._file, self._stream, self._index = file, stream, index
-        self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
-        self._entries = [entry for entry in index.entries if entry > 0]
-        self._back = 0  # key frames by which to enter earlier than at the nearest: transport streams lead too far
-        self._decoding: Iterator[VideoFrame] = iter(())
-        self._next = 0
-        self._entered = False  # whether it is not decoded from its beginning
-        self._passed: dict[int, Image] = {}
-        self._lock, self._converter = Lock(), VideoReformatter()
-
-    def __del__(self) -> None:  # PyAV's containers and streams hold each other
-        self._close()
+        self._colours = _Reader(file, stream, index, in_colour)
+        self._greys = _Reader(file, stream, index, in_grey)
 
     def read(self, number: int) -> Image:
         """The frame of that number, from 0 at `index.begin`. Raises `ClipError` where the file has changed."""
-        with self._lock:
-            self._file.check()
-            return self._found(self._index.begin + number)
+        return self._colours.read(number)
 
     def again(self) -> VideoFrames:
         """The same, opened once more when it is first asked."""
         return VideoFrames(self._file, self._stream, self._index)
 
     def grey(self, number: int) -> Grey:
-        """The same in grey and small, as noted at the opening."""
+        """The same in grey and small: as noted at the opening, or as it would have been."""
         greys = self._index.greys
-        return super().grey(number) if greys is None else greys[number]
+        return stored(self._greys.read(number)) if greys is None else greys[number]
 
     def digest(self, numbers: range) -> str:
         """Of the file's bytes and of which frames of it these are."""
@@ -97,7 +89,54 @@ class VideoFrames(Source):
         what = f"frames of a video {READING} {begin}:{end}:{numbers.step} {self._file.digest}"
         return hashlib.sha256(what.encode()).hexdigest()[:16]
 
-    def _found(self, number: int) -> Image:
+
+def in_colour(frame: VideoFrame, converter: VideoReformatter, display: Display) -> Image:
+    """A frame as it is shown."""
+    image = np.asarray(converter.reformat(frame, format="rgb24").to_ndarray(), np.uint8)
+    return np.ascontiguousarray(display.upright(image))
+
+
+def in_grey(frame: VideoFrame, converter: VideoReformatter, display: Display) -> Grey:
+    """As `small_grey`, without a picture of full size in between."""
+    scale = min(1.0, _REDUCED * SIDE / max(frame.height, frame.width))
+    size = {"width": max(1, round(frame.width * scale)), "height": max(1, round(frame.height * scale))}
+    grey = converter.reformat(frame, **size, format="gray", interpolation="AREA").to_ndarray()
+    return small_grey(display.upright(np.asarray(grey, np.uint8)))
+
+
+class _Reader(Generic[Picture]):
+    """Pictures of the frames of one stream of a file, which is open while they are read in order."""
+
+    def __init__(
+        self,
+        file: SourceFile,
+        stream: int,
+        index: FrameIndex,
+        picture: Callable[[VideoFrame, VideoReformatter, Display], Picture],
+    ) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self._container: InputContainer | None = None
+        self._file, self._stream, self._index, self._picture = file, stream, index, picture
+        self._number_of = {pts: number for number, pts in enumerate(index.pts or ())}
+        self._entries = [entry for entry in index.entries if entry > 0]
+        self._back = 0  # key frames by which to enter earlier than at the nearest: transport streams lead too far
+        self._decoding: Iterator[VideoFrame] = iter(())
+        self._next = 0
+        self._entered = False  # whether it is not decoded from its beginning
+        self._passed: dict[int, Picture] = {}
+        self._lock, self._converter = Lock(), VideoReformatter()
+
+    def __del__(self) -> None:  # PyAV's containers and streams hold each other
+        self._close()
+
+    def read(self, number: int) -> Picture:
+        """Of the frame of that number, from 0 at `index.begin`. Raises `ClipError` where the file has changed."""
+        with self._lock:
+            self._file.check()
+            return self._found(self._index.begin + number)
+
+    def _found(self, number: int) -> Picture:
         """Raises `ClipError` where it is not in the file any more."""
         if number in self._passed:
             return self._passed[number]
@@ -158,10 +197,10 @@ class VideoFrames(Source):
 
     def _pass(self, number: int, frame: VideoFrame) -> None:
         """Keeps a picture of it; frames themselves, kept, would change what decoders make of those with losses."""
-        image = np.asarray(self._converter.reformat(frame, format="rgb24").to_ndarray(), np.uint8)
-        while self._passed and len(self._passed) >= min(PASSED, PASSED_BYTES // image.nbytes):
+        picture = self._picture(frame, self._converter, self._index.display)
+        while self._passed and len(self._passed) >= min(PASSED, PASSED_BYTES // picture.nbytes):
             del self._passed[next(iter(self._passed))]
-        self._passed[number] = np.ascontiguousarray(self._index.display.upright(image))
+        self._passed[number] = picture
         if self._next == len(self._index.marks):  # the last that is wanted
             self._close()
 

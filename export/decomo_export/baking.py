@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from decomo_export.frame import FrameModel
 from decomo_export.frozen_rays import FrozenModel, Hit, Part
-from decomo_export.lookup import Raster
+from decomo_export.lookup import Raster, Table
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion, PairConditioning
 from decomotion.pseudo_depth import FAR
@@ -66,7 +66,7 @@ class Rendered(nn.Module):
         return part.volume.to_canonical(xy, values.T, frame)
 
 
-class BakedSurfaces(nn.Module):
+class BakedSurfaces(Table):
     """Surfaces from a table of codes, int16 [row, column, frame, channel]; see the module's docstring.
 
     Args:
@@ -81,9 +81,8 @@ class BakedSurfaces(nn.Module):
     step: Tensor
 
     def __init__(self, model: DecoMotion, *, canonical: bool) -> None:
-        super().__init__()
+        super().__init__(Raster(model.num_frames, *table_size(model.plane)), "codes")
         self.holds_canonical = canonical
-        self.raster = Raster(model.num_frames, *table_size(model.plane))
         scale = torch.tensor([[self.raster.width / model.plane.width], [self.raster.height / model.plane.height]])
         self.register_buffer("scale", scale)
         self.register_buffer("offset", scale / 2 - 0.5)
@@ -91,12 +90,15 @@ class BakedSurfaces(nn.Module):
 
     def forward(self, xy: Float[Tensor, "2 point"], frame: Int[Tensor, " point"]) -> Hit:
         """The surface at pixels `xy` of each point's `frame`."""
-        row, within = self.raster(xy * self.scale + self.offset, frame)
+        cell, within = self.raster(xy * self.scale + self.offset, frame)
         right, down = within.split(1)
         across = torch.cat([1 - right, right])
         weights = torch.cat([across * (1 - down), across * down])
-        corners = self._rows().index_select(0, row)
-        codes = (corners.to(torch.float32).T + 0.5).unflatten(0, (4, -1))  # sign: owner; magnitude: code and a half
+        if self.unfolds:
+            corners = self._rows().index_select(0, cell).to(torch.float32).T.unflatten(0, (4, -1))
+        else:
+            corners = self.raster.corners(self.codes, cell).to(torch.float32)
+        codes = corners + 0.5  # sign: owner; magnitude: code and a half
         signed = weights[:, None] * codes
         total, magnitude = signed.sum(0), signed.abs().sum(0)
         owners = codes[:, 0].clamp(-0.5, 0.5)  # half of their sign

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from decomo_export.baking import Bake, build_surfaces
 from decomo_export.frozen_rays import FrozenModel, Hit
+from decomo_export.lookup import spare_memory
 from decomotion.model.fusion import DecoMotion
 
 ARRAYS_IN_USE = 4
@@ -30,6 +31,7 @@ class QueryGraph(nn.Module):
         super().__init__()
         self.model = FrozenModel(model)
         self.surfaces = build_surfaces(model, self.model, bake)
+        spare_memory(self)
         self.bake = bake
 
     @property

@@ -3,38 +3,46 @@
 Points are columns: every array is [channel, point], so that each operation runs along whole arrays. A grid's row holds
 what is interpolated in one cell, so that a point costs one gather and two multiplications between long arrays;
 onnxruntime takes several times as long for `GridSample`, which visits a point once for each channel.
+
+A runtime makes these rows when it loads: they take four times the grids, and nineteen times as long as it makes them,
+since it keeps every step. Large tables are therefore left as they are, and a point gathers its four corners.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor, nn
 
 EXACT = 2**24
 """Below it, a float32 holds every whole number."""
+MOST_UNFOLDED = 16 << 20
+"""Bytes of a model's tables up to which a runtime makes rows of them."""
 
 
 class Raster(nn.Module):
     """Where points fall on the rasters of `frames` frames, of `height` x `width` samples each, at least 2 x 2.
 
     Asked in samples, (column, row). What lies beyond the border is moved onto it. Cells are numbered row by row, each
-    frame by frame: a point that hardly moves meets neighbours.
+    frame by frame: a point that hardly moves meets neighbours; or, with `of_samples`, as their upper left samples are.
     """
 
     last: Tensor
     stride: Tensor
+    steps: Tensor
 
-    def __init__(self, frames: int, height: int, width: int) -> None:
+    def __init__(self, frames: int, height: int, width: int, *, of_samples: bool = False) -> None:
         super().__init__()
-        self.height, self.width = height, width
+        self.frames, self.height, self.width = frames, height, width
         # the largest numbers below the last sample's: rounded down, they give the last cell
         last = np.nextafter(np.array([[width - 1], [height - 1]], np.float32), np.float32(0))
         self.register_buffer("last", torch.from_numpy(last))
         numbers = torch.float32 if frames * height * width < EXACT else torch.float64
-        stride = torch.tensor([frames, frames * (width - 1)], dtype=numbers)
-        self.register_buffer("stride", stride)
+        across = width if of_samples else width - 1
+        self.register_buffer("stride", torch.tensor([frames, frames * across], dtype=numbers))
+        steps = torch.tensor([[0], [frames], [frames * width], [frames * (width + 1)]])
+        self.register_buffer("steps", steps)
 
     def forward(
         self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None
@@ -45,8 +53,44 @@ class Raster(nn.Module):
         number = (self.stride @ cell.to(self.stride.dtype)).to(torch.int64)
         return number if frame is None else number + frame, inside - cell
 
+    def corners(
+        self, samples: Shaped[Tensor, "sample channel"], number: Int[Tensor, " point"]
+    ) -> Shaped[Tensor, "4 channel point"]:
+        """Upper left, upper right, lower left and lower right sample of each cell, by its number `of_samples`."""
+        return samples[number + self.steps].permute(0, 2, 1)
 
-class CellGrid(nn.Module):
+
+class Table(nn.Module):
+    """Samples of a raster, [row, column, frame, channel], in the buffer of that name.
+
+    A runtime makes a row for each cell of them, unless they are to be left as they are.
+    """
+
+    def __init__(self, raster: Raster, buffer: str) -> None:
+        super().__init__()
+        self.raster, self._buffer, self.unfolds = raster, buffer, True
+
+    @property
+    def nbytes(self) -> int:
+        """Of the samples."""
+        return self.get_buffer(self._buffer).nbytes
+
+    def leave_folded(self) -> None:
+        """From here on the buffer is [sample, channel], and corners are looked up in it."""
+        raster = self.raster
+        self.raster, self.unfolds = Raster(raster.frames, raster.height, raster.width, of_samples=True), False
+        setattr(self, self._buffer, self.get_buffer(self._buffer).flatten(0, 2))
+
+
+def spare_memory(model: nn.Module) -> None:
+    """Leaves the tables of a model as they are where they have more than `MOST_UNFOLDED` bytes together."""
+    tables = [module for module in model.modules() if isinstance(module, Table)]
+    if sum(table.nbytes for table in tables) > MOST_UNFOLDED:
+        for table in tables:
+            table.leave_folded()
+
+
+class CellGrid(Table):
     """One grid [channel, height, width] for each frame, over +-`reach` in x and y; constant beyond.
 
     `scale` and `offset` [2] lead to the coordinates in which it is asked: `scale * point + offset` are samples.
@@ -59,10 +103,9 @@ class CellGrid(nn.Module):
     grids: Tensor
 
     def __init__(self, grids: Float[Tensor, "frame channel height width"], reach: Float[Tensor, "2"]) -> None:
-        super().__init__()
         height, width = grids.shape[-2:]
+        super().__init__(Raster(len(grids), height, width), "grids")
         self.channels = grids.shape[1]
-        self.raster = Raster(len(grids), height, width)
         self.offset = torch.tensor([width - 1.0, height - 1.0], dtype=torch.float64) / 2
         self.scale = self.offset / reach.double()
         self.register_buffer("grids", grids.permute(2, 3, 0, 1).contiguous())
@@ -71,9 +114,13 @@ class CellGrid(nn.Module):
         self, place: Float[Tensor, "2 point"], frame: Int[Tensor, " point"] | None = None
     ) -> Float[Tensor, "channel point"]:
         """The values at `place`, in samples, each point in the grid of its `frame`; None: there is one grid for all."""
-        row, within = self.raster(place, frame)
+        cell, within = self.raster(place, frame)
         right, down = within.split(1)
-        start, slope = self._rows().index_select(0, row).T.split(2 * self.channels)
+        if not self.unfolds:
+            upper, lower = self.raster.corners(self.grids, cell).split(2)
+            start, end = (upper + down * (lower - upper)).flatten(0, 1).split(self.channels)
+            return start + right * (end - start)
+        start, slope = self._rows().index_select(0, cell).T.split(2 * self.channels)
         value, descent = (start + right * slope).split(self.channels)
         return value + down * descent
 

@@ -168,12 +168,13 @@ class TestParts:
         self, two_shots: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ):
         film = write_film(two_shots, tmp_path / "two.mp4")
-        whole, plain, met = read_clip(film), video.decoded, []
+        plain, met = video.decoded, []
         monkeypatch.setattr(video, "decoded", lambda *given: (met.append(frame) or frame for frame in plain(*given)))
         part = read_clip(f"{film}@8:10")
+        assert len(met) == 10
+        whole = read_clip(film)
         assert (part.name, part.fps, part.frames.shape) == ("two-8-10", whole.fps, (2, 84, 120, 3))
         np.testing.assert_array_equal(part.frames, whole.frames[8:10])
-        assert len(met) == 10
 
     @pytest.mark.parametrize("wanted", ["0:1", "9:8"])
     def test_of_fewer_than_two_frames(self, two_shots: Clip, tmp_path: Path, wanted: str):

@@ -19,8 +19,10 @@ from decomo_runtime import Tracks
 from decomotion import checkpoint, long_clip, record
 from decomotion.cli import main
 from decomotion.clip import Clip
+from decomotion.config import load
 from decomotion.errors import CheckpointError, ClipError
 from decomotion.long_clip import ONE_WINDOW, USUAL, read_windows, windows_of
+from decomotion.schedule import Budget
 from decomotion.windows import FILE_NAME
 from tiny_fit import AFFINE, TINY_CPU, texture, write_frames
 
@@ -132,7 +134,7 @@ class TestCommand:
         assert main([str(frames), "--window", "8", "--jobs", "2", "--time-budget", "60s"]) == 0
         for name in ("window-000", "window-001", "window-002"):
             said = (calls / name).read_text().split()
-            assert (said[0], said[-1]) == ("2", "40.0s")
+            assert (said[0], said[-1]) == ("2", "30.0s")  # the third comes after both
             assert Path("runs/sliding", name, "log.txt").is_file()
 
     def test_a_window_that_fails_is_named_and_the_next_call_does_it_alone(
@@ -253,18 +255,16 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
     [
         (
             [],
-            "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 30 min in all, 10 min for each, "
-            "then the export (--time-budget or --steps say otherwise; less takes fewer steps, and fits of fewer than",
+            "sliding: 20 frames of 40x28 in 3 windows of up to 8 frames, 1 at a time; 24 min in all, 8 min for each, "
+            "preparation included, then about 1 min of export (--time-budget 30m gives each 10 min; less means fewer",
         ),
-        (["--jobs", "2"], "up to 8 frames, 2 at a time; 15 min in all, 10 min for each, then"),
+        (["--jobs", "2"], "2 at a time; 20 min in all, 10 min for each, preparation included, then about 1 min of exp"),
         (
             ["--jobs", "9", "--time-budget", "2h"],
-            "8 frames, 3 at a time; 2 h 0 min in all, 2 h 0 min for each, then",
+            "8 frames, 3 at a time; 2 h 0 min in all, 2 h 0 min for each, preparation included, then about 1 min of "
+            "export (--time-budget or --steps say otherwise; less means fewer steps",
         ),
-        (
-            ["--time-budget", "3m"],
-            "60 s for each, then the export (--time-budget or --steps say otherwise; less takes f",
-        ),
+        (["--time-budget", "3m"], "3 min in all, 60 s for each, prep"),
         (["--steps", "5"], "1 at a time; 5 steps (--time-budget or --steps say otherwise)"),
         (["--preset", "paper"], "1 at a time; as many steps as the preset has ("),
     ],
@@ -275,6 +275,22 @@ def test_what_will_be_done_is_said_first(
     with caplog.at_level("INFO", logger="decomotion"):
         assert main([str(frames), "--window", "8", *argv]) == 0
     assert said in caplog.messages[0]
+
+
+def test_windows_that_are_begun_have_the_default_time_and_others_keep_theirs(frames: Path, calls: Path):
+    argv = [str(frames), "--window", "8", "--preset", "omnimotion"]
+    calls.mkdir()
+    (calls / "fail-window-001").touch()
+    assert main(argv) == 1
+    first, _ = (calls / "window-001").read_text().splitlines()
+    assert first.endswith("--preset omnimotion --time-budget 480.0s")
+    (calls / "fail-window-001").unlink()
+    assert main([str(frames), "--resume"]) == 0  # it is not begun yet: what it is begun with says of what kind it is
+    assert (calls / "window-001").read_text().splitlines()[-1] == first
+    config, begun = load("omnimotion"), Path("runs/sliding/window-002")
+    record.Record("digest", config, 0, Budget(1, 60.0)).write(begun)
+    assert main([str(frames), "--resume"]) == 0
+    assert (calls / "window-002").read_text().splitlines()[-1].endswith("--window all --resume")
 
 
 def test_windows_are_prepared_ahead_of_their_fits(

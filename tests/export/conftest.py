@@ -10,7 +10,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from decomo_export import cli, export, exporter
+from decomo_export import cli, export, exporter, lookup
 from decomo_export.baking import Bake
 from decomo_export.precision import Precision
 from decomotion import checkpoint
@@ -42,6 +42,15 @@ def unbaked(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
 def whole(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
     """The fit with its canonical coordinates baked."""
     return exported_as(tmp_path_factory.mktemp("full") / "full.onnx", fitted.run, "full")
+
+
+@pytest.fixture(scope="session")
+def folded(fitted: Export, tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """The fit with its tables left as they are, as those of a large model."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lookup, "MOST_UNFOLDED", 0)
+        exported = export(tmp_path_factory.mktemp("folded") / "folded.onnx", fitted.run)
+    return Export(exported.path, fitted.run, "")
 
 
 @pytest.fixture(scope="session")
@@ -99,7 +108,7 @@ def traced(run: Path, bake: Bake, trace: Callable[[], onnx.ModelProto]) -> onnx.
     return TRACES[run, bake]
 
 
-@pytest.fixture(params=["fitted", "unbaked", "whole", "networks"])
+@pytest.fixture(params=["fitted", "unbaked", "whole", "folded", "networks"])
 def exported(request: pytest.FixtureRequest) -> Export:
     """Any of those in full precision."""
     return request.getfixturevalue(request.param)

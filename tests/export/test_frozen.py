@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from decomo_export import baking, lookup
-from decomo_export.baking import LEVELS, BakedSurfaces
+from decomo_export.baking import LEVELS, Bake, BakedSurfaces
 from decomo_export.graph import QueryGraph
-from decomo_export.lookup import CellGrid, Raster
+from decomo_export.lookup import CellGrid, Raster, Table, spare_memory
 from decomotion.compositing import composite, composite_weights, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import OBJECT_SHARE, answer, surface_of
@@ -130,13 +130,16 @@ def test_between_two_owners_only_one_is_averaged():
     assert owner.tolist() == [True, True, False, False]
 
 
-def test_cell_grid_is_grid_sample():
+@pytest.mark.parametrize("folded", [False, True])
+def test_cell_grid_is_grid_sample(folded: bool):
     random = torch.Generator().manual_seed(0)
     grids = torch.randn(3, 2, 4, 6, generator=random)
     reach = torch.tensor([1.5, 0.7])
     xy = (torch.rand(2, 50, generator=random) * 2.4 - 1.2) * reach[:, None]  # some beyond the border
     frame = torch.randint(3, (50,), generator=random)
     grid = CellGrid(grids, reach)
+    if folded:
+        grid.leave_folded()
     given = grid(xy * grid.scale[:, None].float() + grid.offset[:, None].float(), frame)
     for column in range(50):
         where = (xy[:, column] / reach)[None, None, None]
@@ -148,7 +151,41 @@ def test_cell_grid_is_grid_sample():
 
 @torch.no_grad()
 @pytest.mark.parametrize("bake", ["none", "depth", "full"])
-def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: str):
+def test_tables_that_are_left_as_they_are_say_the_same(model: DecoMotion, bake: Bake, monkeypatch: pytest.MonkeyPatch):
+    graph, queries, frames = QueryGraph(model, bake), random_queries(40), torch.tensor([3, 0, 4, 4])
+    queries[:4, 1:] = torch.tensor([[-0.5, -0.5], [WIDTH - 0.5, HEIGHT - 0.5], [WIDTH - 0.5, -0.5], [0.0, HEIGHT - 1]])
+    unfolding = graph(queries, frames)
+    monkeypatch.setattr(lookup, "MOST_UNFOLDED", 0)
+    spare_memory(graph)
+    assert not any(table.unfolds for table in graph.modules() if isinstance(table, Table))
+    for given, expected in zip(graph(queries, frames), unfolding, strict=True):
+        torch.testing.assert_close(given, expected, rtol=0, atol=1e-4)  # float32, in another order
+
+
+def test_surfaces_that_are_left_as_they_are_are_the_same():
+    surfaces = BakedSurfaces(randomised(tiny_model("cpu"), 0.1).eval(), canonical=True)
+    asked = random_queries(200)
+    xy, frame = asked[:, 1:].T, asked[:, 0].long()
+    expected = surfaces(xy, frame)
+    surfaces.leave_folded()
+    assert torch.equal(surfaces(xy, frame).values, expected.values)
+    assert torch.equal(surfaces(xy, frame).is_static, expected.is_static)
+
+
+def test_large_tables_are_left_as_they_are(monkeypatch: pytest.MonkeyPatch):
+    """All of a model or none: what they take together counts."""
+    tables = [CellGrid(torch.randn(3, 2, 4, 6), torch.ones(2)), CellGrid(torch.randn(2, 1, 7, 5), torch.ones(2))]
+    size = 4 * (3 * 2 * 4 * 6 + 2 * 7 * 5)
+    for most, unfolds in ((size, True), (size - 1, False)):
+        monkeypatch.setattr(lookup, "MOST_UNFOLDED", most)
+        spare_memory(torch.nn.ModuleList(tables))
+        assert [table.unfolds for table in tables] == [unfolds] * 2
+    assert tables[0].grids.shape == (3 * 4 * 6, 2)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("bake", ["none", "depth", "full"])
+def test_a_query_s_own_frame_is_exact(model: DecoMotion, bake: Bake):
     queries = random_queries(20)
     tracks, occlusion, *_ = QueryGraph(model, bake)(queries, torch.arange(FRAMES))
     rows, home = np.arange(20), queries[:, 0].long()

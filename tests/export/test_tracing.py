@@ -6,6 +6,7 @@ import numpy as np
 import onnx
 import pytest
 
+from decomo_export import lookup
 from decomo_export.baking import Bake
 from decomo_export.graph import QueryGraph
 from decomo_export.tracing import trace
@@ -29,6 +30,27 @@ def test_operators_do_not_depend_on_the_number_of_frames(preset: str):
     assert {"surfaces.codes", "model.static.to_first", "model.static.from_first"} <= longer
     for name in longer:
         assert sizes[1][name] * 3 == sizes[0][name] * 40
+
+
+@pytest.mark.parametrize("bake", ["none", "depth", "full"])
+def test_nothing_but_look_ups_is_made_of_large_tables(bake: Bake, monkeypatch: pytest.MonkeyPatch):
+    """So that a runtime, which computes what follows from constants when it loads, has nothing to compute."""
+    unfolding = read_by(traced(6, bake))
+    monkeypatch.setattr(lookup, "MOST_UNFOLDED", 0)
+    folded = read_by(traced(6, bake))
+    assert unfolding.keys() == folded.keys()
+    assert set(unfolding.values()) == {"Slice"}
+    assert set(folded.values()) == {"Gather"}
+
+
+def read_by(proto: onnx.ModelProto) -> dict[str, str]:
+    """The operator that reads each table."""
+    return {
+        name: node.op_type
+        for node in proto.graph.node
+        for name in node.input
+        if name.endswith((".grids", "surfaces.codes"))
+    }
 
 
 def test_tables_are_stored_as_they_are_not_unfolded():

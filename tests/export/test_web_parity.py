@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", ["fitted", "unbaked", "whole", "networks", "canonical", "quantised"])
+@pytest.mark.parametrize("name", ["fitted", "unbaked", "whole", "folded", "networks", "canonical", "quantised"])
 def test_browser_answers_as_python_does(chromium: Browser, name: str, tmp_path: Path, request: pytest.FixtureRequest):
     """However baked, in every precision."""
     exported: Export = request.getfixturevalue(name)

@@ -9,13 +9,13 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
+from decomotion.cache import cache_root as cache_root
 from decomotion.clip import Clip
 from decomotion.data.config import FIT_SHARE, DataConfig
 from decomotion.data.links.intervals import pairs_of
 from decomotion.data.pool import Pool, open_pool
 from decomotion.data.prepare.inputs import Inputs
 from decomotion.data.prepare.keys import Keys
-from decomotion.data.prepare.keys import cache_root as cache_root
 from decomotion.data.prepare.making import Making
 from decomotion.data.stages import Record, remove_abandoned
 from decomotion.errors import SupervisionError

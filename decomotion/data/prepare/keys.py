@@ -8,11 +8,11 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
-import os
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from decomotion.cache import cache_root
 from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
 from decomotion.data.links.budget import what_is_thinned
 from decomotion.data.links.config import MatchingConfig
@@ -31,11 +31,6 @@ PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
 VERSIONS = {"frames": 1, "links": 12, "features": 2, "filter": 1, "motion": 6}
 """Raised for a stage whenever the same clip and settings would give another result."""
-
-
-def cache_root() -> Path:
-    """Where prepared supervision is kept: `$DECOMO_CACHE`, or `~/.cache/decomotion`."""
-    return Path(os.environ.get("DECOMO_CACHE") or Path.home() / ".cache" / "decomotion")
 
 
 class Keys:

@@ -296,6 +296,32 @@ def test_what_is_transparent_is_no_object(tmp_path: Path):
     np.testing.assert_array_equal(shape.mask, square_mask(0))
 
 
+@pytest.mark.parametrize(
+    ("mode", "transparent", "left"),
+    [("L", 4, [9]), ("I;16", 400, [900]), ("1", 255, []), ("RGB", (4, 4, 4), [9]), ("P", 4, [9]), ("L", 5, [4, 9])],
+)
+def test_a_transparent_value_is_no_object_in_whatever_kind_of_png(
+    mode: str, transparent: int | tuple[int, ...], left: list[int], tmp_path: Path
+):
+    """PNG's chunk tRNS: one grey, one colour, or entries of the palette."""
+    scale = 100 if mode == "I;16" else 1
+    labels = np.zeros((HEIGHT, WIDTH), np.uint16 if mode == "I;16" else np.uint8)
+    labels[2:5, 3:9], labels[9:12, 1:20] = 4 * scale, 9 * scale
+    image = Image.fromarray(np.where(labels > 0, 255, 0).astype(np.uint8) if mode == "1" else labels)
+    if mode == "P":
+        image = Image.fromarray(labels, "P")
+        image.putpalette([value for entry in range(10) for value in (entry, 90, 0)])
+    elif mode in ("1", "RGB"):
+        image = image.convert(mode)
+    image.save(tmp_path / "a.png", transparency=transparent)
+    assert b"tRNS" in (tmp_path / "a.png").read_bytes()
+    if not left:
+        with pytest.raises(AnnotationError, match="black: no pixel of it is an object's"):
+            read(tmp_path / "a.png", 0)
+        return
+    assert [thing.id for thing in read(tmp_path / "a.png", 0).things] == left
+
+
 @pytest.mark.parametrize("deep", [2, 8])
 def test_a_palette_is_kept(deep: int, tmp_path: Path):
     labels = np.where(square_mask(0), 3, 0).astype(np.uint8)

@@ -77,16 +77,17 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
             with av.open(io.BytesIO(content), "r", format="png_pipe") as container:
                 decoded = next(container.decode(video=0)).to_ndarray()
             labels, palette = cast("tuple[npt.NDArray[np.uint8], Palette]", decoded)
-            return labels, _Look(palette, False)
+            return np.where(palette[labels, 0] > 0, labels, 0), _Look(palette, False)
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except (cv2.error, av.error.FFmpegError, StopIteration, IndexError) as error:
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels") from error
     if image is None:
         raise AnnotationError(f"{path} does not decode as a PNG; give a PNG of labels")
+    opaque = where_opaque(cast("npt.NDArray[np.uint8]", image), content)
+    if opaque is not None:
+        image = np.where(opaque if image.ndim == 2 else opaque[..., None], image, 0)
     if image.ndim == 3:
-        opaque, colours = where_opaque(cast("npt.NDArray[np.uint8]", image)), image[..., :3]
-        if opaque is not None:
-            colours = np.where(opaque[..., None], colours, 0)
+        colours = image[..., :3]
         if (colours != colours[..., :1]).any():
             raise AnnotationError(
                 f"{path} has colours without a palette, which do not tell objects' numbers; save it as grey or with a "
