@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from statistics import median
 
-from decomotion.data.likeness import Structure, likeness, structure_of
+from decomotion.data.likeness import StructureImage, likeness, structure_of
 from decomotion.frames import AnyFrames, Frames
 from decomotion.greys import small_grey
 
@@ -59,7 +59,7 @@ class _Structures:
                     self.steps.append(self._likeness(len(self.numbers) - 2, len(self.numbers) - 1))
         self.num_steps = len(self.steps)
 
-    def _made(self, number: int) -> Structure | None:
+    def _made(self, number: int) -> StructureImage | None:
         frames = self._frames
         return structure_of(frames.grey(number) if isinstance(frames, Frames) else small_grey(frames[number]))
 
@@ -98,7 +98,7 @@ class _Structures:
             self._known[first, second] = likeness(self._at(first), self._at(second))
         return self._known[first, second]
 
-    def _at(self, place: int) -> Structure:
+    def _at(self, place: int) -> StructureImage:
         structure = self._structure(self.numbers[place])
         assert structure is not None, "frames without structure are not numbered"
         return structure

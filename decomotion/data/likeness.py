@@ -41,7 +41,7 @@ Flow = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class StructureImage:
     """Of one frame."""
 
     image: npt.NDArray[np.uint8]
@@ -56,17 +56,17 @@ class Structure:
         return places, np.zeros((0, 128), np.float32) if descriptors is None else np.asarray(descriptors, np.float32)
 
 
-def structure_of(grey: Grey) -> Structure | None:
+def structure_of(grey: Grey) -> StructureImage | None:
     """Of a frame as `greys.small_grey` makes it; None where it has none."""
     detail = grey - _blurred(grey, SURROUND)
     contrast = float(detail.std())
     if contrast < LEAST_CONTRAST:
         return None
     levels = AMPLITUDE * detail / (np.sqrt(_blurred(detail**2, SURROUND)) + SOFTNESS * contrast)
-    return Structure(np.clip(NONE + levels, 0, 255).astype(np.uint8))
+    return StructureImage(np.clip(NONE + levels, 0, 255).astype(np.uint8))
 
 
-def likeness(first: Structure, second: Structure) -> float:
+def likeness(first: StructureImage, second: StructureImage) -> float:
     """The share of `first`'s structure that is in `second`, 0 to 1; both of frames of one size.
 
     The best of no motion and of flow that starts there, at the frame's shift as a whole, and at matched features.
@@ -79,18 +79,18 @@ def likeness(first: Structure, second: Structure) -> float:
     return share
 
 
-def _no_motion(first: Structure, _: Structure) -> Flow:
+def _no_motion(first: StructureImage, _: StructureImage) -> Flow:
     return np.zeros((*first.image.shape, 2), np.float32)
 
 
-def _shift(first: Structure, second: Structure) -> Flow:
+def _shift(first: StructureImage, second: StructureImage) -> Flow:
     """Of the frame as a whole, by phase correlation."""
     window = cv2.createHanningWindow(first.image.shape[::-1], cv2.CV_32F)
     shift, _ = cv2.phaseCorrelate(first.image.astype(np.float32) - NONE, second.image.astype(np.float32) - NONE, window)
     return np.full((*first.image.shape, 2), shift, np.float32)
 
 
-def _matched(first: Structure, second: Structure) -> Flow:
+def _matched(first: StructureImage, second: StructureImage) -> Flow:
     """The affine map that most matches agree on; no motion where there are too few."""
     (places, descriptors), (others, other_descriptors) = first.features, second.features
     if len(places) and len(others) > 1:
@@ -106,7 +106,7 @@ def _matched(first: Structure, second: Structure) -> Flow:
     return _no_motion(first, second)
 
 
-def _moved(first: Structure, second: Structure, start: Flow) -> npt.NDArray[np.uint8]:
+def _moved(first: StructureImage, second: StructureImage, start: Flow) -> npt.NDArray[np.uint8]:
     """`second`'s image brought to where `first` has it."""
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     places = _places(first) + np.asarray(dis.calc(first.image, second.image, start), np.float32)
@@ -123,7 +123,7 @@ def _moved(first: Structure, second: Structure, start: Flow) -> npt.NDArray[np.u
     )
 
 
-def _places(structure: Structure) -> Flow:
+def _places(structure: StructureImage) -> Flow:
     """Of its pixels."""
     height, width = structure.image.shape
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from decomo_export.frame import FrameModel
 from decomo_export.frozen_rays import FrozenModel, Hit, Part
-from decomo_export.lookup import Raster, Table
+from decomo_export.lookup import LookupTable, Raster
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion, PairConditioning
 from decomotion.pseudo_depth import FAR
@@ -66,7 +66,7 @@ class Rendered(nn.Module):
         return part.volume.to_canonical(xy, values.T, frame)
 
 
-class BakedSurfaces(Table):
+class BakedSurfaces(LookupTable):
     """Surfaces from a table of codes, int16 [row, column, frame, channel]; see the module's docstring.
 
     Args:

@@ -60,7 +60,7 @@ class Raster(nn.Module):
         return samples[number + self.steps].permute(0, 2, 1)
 
 
-class Table(nn.Module):
+class LookupTable(nn.Module):
     """Samples of a raster, [row, column, frame, channel], in the buffer of that name.
 
     A runtime makes a row for each cell of them, unless they are to be left as they are.
@@ -84,13 +84,13 @@ class Table(nn.Module):
 
 def spare_memory(model: nn.Module) -> None:
     """Leaves the tables of a model as they are where they have more than `MOST_UNFOLDED` bytes together."""
-    tables = [module for module in model.modules() if isinstance(module, Table)]
+    tables = [module for module in model.modules() if isinstance(module, LookupTable)]
     if sum(table.nbytes for table in tables) > MOST_UNFOLDED:
         for table in tables:
             table.leave_folded()
 
 
-class CellGrid(Table):
+class CellGrid(LookupTable):
     """One grid [channel, height, width] for each frame, over +-`reach` in x and y; constant beyond.
 
     `scale` and `offset` [2] lead to the coordinates in which it is asked: `scale * point + offset` are samples.

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decomotion.data.likeness import Structure, likeness, structure_of
+from decomotion.data.likeness import StructureImage, likeness, structure_of
 from decomotion.greys import small_grey
 
 HEIGHT, WIDTH = 90, 140
@@ -24,7 +24,7 @@ def scene(seed: int) -> np.ndarray:
     return np.clip(90 + shapes, 0, 255).astype(np.uint8)
 
 
-def seen(frame: np.ndarray, x: int = 60, y: int = 40) -> Structure:
+def seen(frame: np.ndarray, x: int = 60, y: int = 40) -> StructureImage:
     """The view whose upper left corner is there."""
     structure = structure_of(small_grey(frame[y : y + HEIGHT, x : x + WIDTH]))
     assert structure is not None

@@ -497,13 +497,14 @@ class TestCache:
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
     ):
-        """8 frames, of which each has features in 5 seconds, masks in 10 and silhouettes in 5."""
+        """8 frames, of which each has features in 5 seconds, masks in 10, silhouettes in 5, and structure in 2."""
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
+        monkeypatch.setattr(making, "seconds_to_place", lambda *_: 2.0)
         monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 10.0)
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
         settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
-        sentence = f"8 frames are too many for the time that there is: .* masks {160 if masks == 'auto' else 40}\\)"
+        sentence = f"8 frames are too many for the time that there is: .* structure {176 if masks == 'auto' else 56}\\)"
         with pytest.raises(SupervisionError, match=sentence):
             prepare(clip, settings, progress=False)
 
@@ -533,7 +534,7 @@ class TestCache:
         assert (0, 1) in called
 
     def test_the_budget_is_what_others_leave(self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch):
-        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8, silhouettes 4."""
+        """Of 180 seconds the estimate takes 5, matching 100, and masks will take 8, silhouettes 4, structure 2."""
         left, clock = [], [0.0]
 
         class Slow(MatchStore):
@@ -553,11 +554,12 @@ class TestCache:
             monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
         monkeypatch.setattr(links_stage, "MatchStore", Slow)
         monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 1.0)
+        monkeypatch.setattr(making, "seconds_to_place", lambda *_: 0.25)
         monkeypatch.setattr(budget.costs, "hop_costs", measured)
         monkeypatch.setattr(budget.costs, "affordable_points", points)
         settings = config("data.features=none", "data.prepare_budget=180", "data.flow.intervals=geometric")
         links = prepare_in_stages(clip, settings, progress=False).stages[0]
-        assert left == [63.0]
+        assert left == [61.0]
         assert links.seconds == {"frames": 0.0, "estimate": 5.0, "matches": 100.0, "flow": 0.0, "links": 0.0}
 
     @pytest.mark.parametrize("at_once", [linker.LINKED_AT_ONCE, 20_000])

@@ -10,7 +10,7 @@ from torch import Tensor
 from decomo_export import baking, lookup
 from decomo_export.baking import LEVELS, Bake, BakedSurfaces
 from decomo_export.graph import QueryGraph
-from decomo_export.lookup import CellGrid, Raster, Table, spare_memory
+from decomo_export.lookup import CellGrid, LookupTable, Raster, spare_memory
 from decomotion.compositing import composite, composite_weights, thickened
 from decomotion.model.fusion import DecoMotion
 from decomotion.model.readout import OBJECT_SHARE, answer, surface_of
@@ -157,7 +157,7 @@ def test_tables_that_are_left_as_they_are_say_the_same(model: DecoMotion, bake: 
     unfolding = graph(queries, frames)
     monkeypatch.setattr(lookup, "MOST_UNFOLDED", 0)
     spare_memory(graph)
-    assert not any(table.unfolds for table in graph.modules() if isinstance(table, Table))
+    assert not any(table.unfolds for table in graph.modules() if isinstance(table, LookupTable))
     for given, expected in zip(graph(queries, frames), unfolding, strict=True):
         torch.testing.assert_close(given, expected, rtol=0, atol=1e-4)  # float32, in another order
 
