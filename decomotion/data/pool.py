@@ -88,7 +88,8 @@ def affordable_points(frames: int, channels: int, mebibytes: int, filtered: bool
     What is `filtered` has a second confidence.
     """
     per_target = 2 * 2 + 1 + filtered  # packed position, confidence
-    per_point = frames * per_target + 2 * 4 + 3 + 1 + 2 * channels
+    structure = 4 * (3 + 3 * 3 + 1)  # place, covariance, agreement
+    per_point = frames * per_target + 2 * 4 + 3 + 1 + structure + 2 * channels
     return int(mebibytes * 2**20 / (frames * per_point))
 
 

@@ -90,7 +90,7 @@ class TestPacking:
 @pytest.mark.parametrize(("frames", "channels"), [(32, 16), (100, 16), (100, 768), (300, 0)])
 def test_affordable_points_fill_the_limit(frames: int, channels: int, filtered: bool):
     points = affordable_points(frames, channels, 1024, filtered)
-    position, confidence, colour, mask = 4, 1 + filtered, 3, 1
-    size = frames * points * (frames * (position + confidence) + 8 + colour + mask + 2 * channels)
+    position, confidence, colour, mask, structure = 4, 1 + filtered, 3, 1, 12 + 36 + 4
+    size = frames * points * (frames * (position + confidence) + 8 + colour + mask + structure + 2 * channels)
     assert size == pytest.approx(2**30, rel=1e-3)
     assert size <= 2**30
