@@ -178,7 +178,9 @@ class TestTracks:
 class TestLimits:
     def test_a_small_disk_gets_fewer_points(self, clip: Clip, caplog: pytest.LogCaptureFixture):
         pool = prepare(clip, config("data.pool.points_per_frame=100000", "data.pool.disk_limit=1"), progress=False)
+        assert pool.structure is not None
         size = sum(getattr(pool, name).nbytes for name in ("points", "confidence", "rgb", "feature", "moving"))
+        size += sum(getattr(pool.structure, name).nbytes for name in ("places", "covariance", "agreement"))
         assert size + 2 * int(np.prod(pool.targets.shape)) == pytest.approx(2**20, rel=0.1)
         assert "1 MiB have room for" in caplog.text
         assert "of 100000 points a frame" in caplog.text
