@@ -14,7 +14,7 @@ IN_ALL = 1440.0
 """Seconds of all windows, as long as each has `LEAST`: with reading and export, half an hour."""
 EXPORT, EXPORT_OF_A_FRAME = 9.0, 0.15
 """Seconds of exporting a window, about, and for each of its frames, on one core."""
-LESS = "less means fewer steps: of 100 points of AJ, 1,200 steps cost about 1 and 120 about 5 against 5,000"
+LESS = "less means fewer steps: of 100 points of AJ, 1,200 steps cost about 1 and 120 about 5 against 5,700"
 """`docs/limits.md` has the records."""
 
 
@@ -47,8 +47,9 @@ def announcement(layout: Windows, jobs: int, steps: int | None, seconds: float |
     in_turn = rounds(count, jobs)
     each = f" in all, {spoken(seconds)} for each" if count > 1 else ""
     export = math.ceil((count * EXPORT + sum(map(len, layout.windows)) * EXPORT_OF_A_FRAME) / 60)
-    more = f"{math.ceil(MOST * in_turn / 60)}m gives each {spoken(MOST)}" if seconds < MOST and count > 1 else ""
-    otherwise = f"--time-budget {more}" if more else "--time-budget or --steps say otherwise"
+    otherwise = "--time-budget or --steps say otherwise"
+    if seconds < MOST and count > 1:
+        otherwise = f"--time-budget {math.ceil(MOST * in_turn / 60)}m gives each {spoken(MOST)}"
     return (
         f"{what}; {spoken(seconds * in_turn)}{each}, preparation included, then about {export} min of export "
         f"({otherwise}; {LESS})"

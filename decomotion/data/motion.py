@@ -1,4 +1,4 @@
-"""The stage `motion`: what moves, and the motion of the camera and of the object in closed form."""
+"""The stage `motion`: what moves, how camera and object move in closed form, and the scene's structure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def build_motion(
     random: np.random.Generator,
     folder: Path,
 ) -> dict[str, Any]:
-    """Fills the stage's folder with camera, object and moving, which is `UNKNOWN_MOTION` everywhere without masks.
+    """Fills the stage's folder with camera, object, the arrays of the scene's `Structure`, and moving, which is
+    `UNKNOWN_MOTION` everywhere without masks.
 
     Args:
         sides: height and width of the clip, in whose pixels positions are.
@@ -36,6 +37,7 @@ def build_motion(
         confidence: [frame, frame, point].
         given: the user's masks [H, W], one a frame; or
         probability: that what lies in a frame moves, [frame, row, column]; or neither.
+        random: draws the points that the structure's cameras are fitted to.
         folder: of the stage.
     """
     if given is not None:

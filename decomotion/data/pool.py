@@ -10,6 +10,8 @@ Each array is a `.npy` file in the folder of the stage that made it, memory-mapp
     moving      uint8   [T, P]          1 on what moves relative to the static scene, 0 on the scene, 2 unknown
     camera      float32 [T, 2, 3]       affine map to the middle frame T // 2, normalised coordinates
     object      float32 [T, 2, 3]       the same for what moves
+
+and those of `decomotion.data.structure.Structure`.
 """
 
 from __future__ import annotations
@@ -72,9 +74,8 @@ def open_pool(folders: Iterable[Path], longer_side: int, thinned: str | None = N
     files = {file.stem: file for folder in folders for file in folder.glob("*.npy")}
 
     def opened(kind: type) -> dict[str, Any]:
-        return {
-            name: np.load(files[name], mmap_mode="r") for name in (each.name for each in fields(kind)) if name in files
-        }
+        names = [each.name for each in fields(kind) if each.name in files]
+        return {name: np.load(files[name], mmap_mode="r") for name in names}
 
     arrays, of_structure = opened(Pool), opened(Structure)
     targets = PackedPositions(arrays.pop("targets"), longer_side)

@@ -15,6 +15,7 @@ NEAR = 4.0
 LENIENT, STRICTER = 2.0, 0.8
 """How many times the deviation is allowed at first, and by what that is multiplied in each round."""
 ROUNDS = 12
+"""Least squares, each weighted by what the former missed."""
 NOISE = 0.3 / HALF
 """The least deviation of links, which covariances come from."""
 FEWEST_LINKS = 6
