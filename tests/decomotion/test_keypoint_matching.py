@@ -89,8 +89,8 @@ class TestCells:
     raster = (32, 64)
 
     def moved(self, here: list[tuple[float, float]], by: list[tuple[float, float]]):
-        places = np.array(here, np.float32)
-        return on_cells(places, places + np.array(by, np.float32), self.raster)
+        places = np.array(here, np.float32).reshape(-1, 2)
+        return on_cells(places, places + np.array(by, np.float32).reshape(-1, 2), self.raster, (256.0, 128.0))
 
     def test_three_that_agree_are_trusted_where_they_are_near(self) -> None:
         matches = self.moved([(41, 21), (42, 22), (44, 20)], [(8, -4)] * 3)
@@ -112,9 +112,16 @@ class TestCells:
         assert_allclose(three.displacement[5, 10], [2, -1], atol=1e-6)
 
     def test_nothing_is_trusted_without_matches(self) -> None:
-        nothing = on_cells(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32), self.raster)
+        nothing = self.moved([], [])
         assert nothing.displacement.shape == (*self.raster, 2)
         assert not nothing.trusted.any()
+
+    def test_cells_need_not_be_square(self) -> None:
+        """2 rows of 3 cells over a frame of 256 x 100 units: 85.3 x 50 each, the last one's middle at (212.8, 74.5)."""
+        here = np.array([(212, 74), (213, 75), (214, 74)], np.float32)
+        matches = on_cells(here, here + np.array((-64, 25), np.float32), (2, 3), (256.0, 100.0))
+        assert_allclose(matches.displacement[1, 2], [-0.75, 0.5], atol=1e-6)
+        assert matches.trusted.tolist() == [[False] * 3, [False, False, True]]
 
 
 class TestWeights:

@@ -99,8 +99,9 @@ class KeypointMatcher:
         raster = raster_of(clip.height, clip.width)
 
         def match(first: int, second: int) -> tuple[Matches, Matches]:
+            sides = keypoints[first].sides
             here, there = self.matched(keypoints[first], keypoints[second])
-            return on_cells(here, there, raster), on_cells(there, here, raster)
+            return on_cells(here, there, raster, sides), on_cells(there, here, raster, sides)
 
         return match
 
@@ -146,14 +147,22 @@ def raster_of(height: int, width: int) -> tuple[int, int]:
     return rows, columns
 
 
-def on_cells(here: npt.NDArray[np.float32], there: npt.NDArray[np.float32], raster: tuple[int, int]) -> Matches:
-    """The displacement of each cell by the matches [match, 2] nearest to it, in units in either frame."""
+def on_cells(
+    here: npt.NDArray[np.float32],
+    there: npt.NDArray[np.float32],
+    raster: tuple[int, int],
+    sides: tuple[float, float],
+) -> Matches:
+    """The displacement of each cell by the matches [match, 2] nearest to it, in units in either frame.
+
+    The raster (rows, columns) covers a frame of these `sides` (width, height) in units.
+    """
     rows, columns = raster
-    cell = 256 / max(raster)
+    cell = np.array([sides[0] / columns, sides[1] / rows], np.float32)
     if len(here) < AGREEING:
         return Matches(np.zeros((rows, columns, 2), np.float32), np.zeros((rows, columns), np.bool_))
     row, column = np.indices(raster).reshape(2, -1)
-    middles = np.stack([(column + 0.5) * cell - 0.5, (row + 0.5) * cell - 0.5], axis=-1).astype(np.float32)
+    middles = ((np.stack([column, row], axis=-1) + 0.5) * cell - 0.5).astype(np.float32)
     apart = torch.cdist(torch.from_numpy(middles), torch.from_numpy(here))
     away, nearest = (each.numpy() for each in apart.topk(min(NEAREST, len(here)), largest=False))
     moved = (there - here)[nearest]

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 PLACES = {"path", "weights"}
 """Settings of flow that say where files lie: their content counts, not their names."""
-VERSIONS = {"frames": 1, "links": 12, "features": 2, "filter": 1, "motion": 6}
+VERSIONS = {"frames": 1, "links": 13, "features": 2, "filter": 1, "motion": 6}
 """Raised for a stage whenever the same clip and settings would give another result."""
 
 
