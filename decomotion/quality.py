@@ -1,7 +1,7 @@
 """How good a fit is, as far as links that were held out of it can tell: what is kept of it, read and said.
 
 Lengths are in units (`decomotion.units`: pixels of a frame whose longer side is 256) where they are not named pixels,
-which are the clip's own. `decomotion.held_out` measures; `docs/method.md` says what these figures can tell.
+which are the clip's own. `decomotion.held_out` measures; `docs/quality.md` says what these figures can tell.
 """
 
 from __future__ import annotations
