@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 FILE_NAME = "quality.json"
-"""In the run's folder: `docs/formats.md`."""
+"""In the run's folder: `docs/formats-model.md`."""
 FEW_STEPS = 300
 """A fit that took fewer is short of them."""
 ENOUGH_STEPS = 3000
