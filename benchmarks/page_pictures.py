@@ -1,4 +1,6 @@
-"""The pictures of the page in docs/view.md, by what a person would do: in Chromium, of clips of DAVIS at 854x480.
+"""The pictures of the page in docs/view.md and docs/draw.md, by what a person would do.
+
+In Chromium, of clips of DAVIS at 854x480:
 
     python benchmarks/page_pictures.py points goat.onnx frames/goat docs/images/view-points.jpg
     python benchmarks/page_pictures.py split breakdance.onnx frames/breakdance docs/images/view-split.jpg

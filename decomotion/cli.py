@@ -47,10 +47,9 @@ MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 @click.option(
     "--time-budget",
     type=Duration(),
-    help="End after this much wall time, preparation included (30s, 10m, 1h); windows share "
-    "it by their length.  [default: 10m with the cpu preset and omnimotion, for each of two windows too, 8m of three, "
-    "6m of more, where those that are fitted at a time count as one; none with paper; "
-    f"{CORRECTION_BUDGET} with --corrections]",
+    help="End after this much wall time, preparation included (30s, 10m, 1h); windows share it by their length.  "
+    "[default: 10m; of several windows 10m for each of two, 8m of three, 6m of more, those that are fitted at a time "
+    f"counted as one; {CORRECTION_BUDGET} with --corrections; with the preset paper none, but its steps]",
 )
 @click.option("--steps", type=click.IntRange(min=1), help="End after this many steps instead of a time.")
 @supervision_options

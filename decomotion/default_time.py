@@ -14,7 +14,7 @@ IN_ALL = 1440.0
 """Seconds of all windows, as long as each has `LEAST`: with reading and export, half an hour."""
 EXPORT, EXPORT_OF_A_FRAME = 9.0, 0.15
 """Seconds of exporting a window, about, and for each of its frames, on one core."""
-LESS = "less means fewer steps: of 100 points of AJ, 1,200 steps cost about 1 and 120 about 5 against 5,700"
+LESS = "less means fewer steps: in place of 5,700, 1,200 cost about 1 of 100 points of AJ, and 120 about 5"
 """`docs/limits.md` has the records."""
 
 

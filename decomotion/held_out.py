@@ -2,7 +2,7 @@
 
 Held out are places: patches of frames, chosen by the seed. No link that begins or ends in one is drawn while the fit
 lasts, since the link from here to there and the links from there back are of the same flow, and so are those of the
-points around. `docs/method.md` says why places, and what the figures can tell.
+points around. `docs/quality.md` says why places, and what the figures can tell.
 """
 
 from __future__ import annotations

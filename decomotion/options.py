@@ -167,8 +167,9 @@ def window_options(command: Function) -> Function:
         "--window",
         type=WindowLength(),
         default=AUTO,
-        help=f"Frames that are fitted as one; a longer clip becomes windows that overlap. {AUTO}: 100 of one of more "
-        f"than 128, {WHOLE}: the whole clip.",
+        metavar=WindowLength.name,
+        help=f"Frames that are fitted as one; a longer clip becomes windows that overlap. {AUTO}: 100, of a clip of "
+        f"more than 128; {WHOLE}: the whole clip.",
     )
     return shots(window(command))
 

@@ -1,7 +1,7 @@
 """How good a fit is, as far as links that were held out of it can tell: what is kept of it, read and said.
 
 Lengths are in units (`decomotion.units`: pixels of a frame whose longer side is 256) where they are not named pixels,
-which are the clip's own. `decomotion.held_out` measures; `docs/method.md` says what these figures can tell.
+which are the clip's own. `decomotion.held_out` measures; `docs/quality.md` says what these figures can tell.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 FILE_NAME = "quality.json"
-"""In the run's folder: `docs/formats.md`."""
+"""In the run's folder: `docs/formats-model.md`."""
 FEW_STEPS = 300
 """A fit that took fewer is short of them."""
 ENOUGH_STEPS = 3000

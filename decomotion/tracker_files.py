@@ -127,12 +127,12 @@ def _tapnet_occluded(where: str, content: Arrays, error: type[InputError]) -> np
 def of_one_video(where: str, content: Arrays, key: str, axes: int, error: type[InputError]) -> npt.NDArray[Any]:
     """An array of that many axes, a leading axis of one video dropped."""
     if key not in content:
-        raise error(f"{where} lacks the key {key} of its layout; docs/formats.md has the layouts")
+        raise error(f"{where} lacks the key {key} of its layout; docs/formats-scoring.md has the layouts")
     array = content[key]
     if array.ndim == axes + 1 and len(array) == 1:
         array = array[0]
     if array.ndim != axes:
-        raise error(f"{where} has {key} {list(content[key].shape)}; docs/formats.md has the shapes")
+        raise error(f"{where} has {key} {list(content[key].shape)}; docs/formats-scoring.md has the shapes")
     return array
 
 

@@ -24,7 +24,7 @@ from decomotion.quality import Quality, parse
 from decomotion.times import steady_times
 
 FILE_NAME = "windows.json"
-"""In the folder of a clip's runs, and of its models: `docs/formats.md`."""
+"""In the folder of a clip's runs, and of its models: `docs/formats-model.md`."""
 FORMAT_VERSION = 1
 OVERLAP, OVERLAP_SHARE = 12, 4
 """Frames that two windows of a shot share, but at most one in so many of a window's."""

@@ -1,6 +1,6 @@
 """The pool: correspondences from points of every frame to every other frame, with confidence, on disk.
 
-Each array is a `.npy` file in the folder of the stage that made it, memory-mapped when read (`docs/formats.md`):
+Each array is a `.npy` file in the folder of the stage that made it, memory-mapped when read (`docs/formats-model.md`):
     points      float32 [T, P, 2]       where the points are, pixels of the clip: a jittered grid of rows x columns,
                                         then those of the user's tracks
     targets     uint16  [T, T, P, 2]    targets[i, j, p]: where point p of frame i lies in frame j, packed: see `pack`

@@ -1,9 +1,10 @@
 """Tracks at the clip's own precision: each answer in sight is registered on the pixels of the clip.
 
-A model is fitted to flow on at most 640 pixels, and knows a point of a large frame to several pixels. Here the patch
-around the point, as the query's frame shows it, is sought in every frame around the model's answer, warped by the
-model's own Jacobian (`registration.py`). Where it is not found, what the nearest frame showed in which it was found is
-sought instead; the deviations then add up, so that drift stays within what one match may deviate.
+A model is fitted to flow on frames of at most 640 pixels on the longer side, and knows a point of a large frame to
+several pixels. Here the patch around the point, as the query's frame shows it, is sought in every frame around the
+model's answer, warped by the model's own Jacobian (`registration.py`). Where it is not found, what the nearest frame
+showed in which it was found is sought instead; the deviations then add up, so that drift stays within what one match
+may deviate.
 
 A match counts only where it is plain that it is better than the model's answer: patch and frame are alike, noise
 cannot have moved it far, and it leaves a fraction of the difference that the model's answer leaves. Everything else

@@ -209,11 +209,17 @@ class TestDuration:
             Duration().convert(text, None, None)
 
 
+def test_words_of_an_option_are_shown_as_they_have_to_be_given(capsys: pytest.CaptureFixture[str]):
+    """AUTO in the help would be refused where it is typed."""
+    assert main(["--help"]) == 0
+    assert "--window auto|all|N" in capsys.readouterr().out
+
+
 def test_help_names_every_option_with_its_default(capsys: pytest.CaptureFixture[str]):
     assert main(["--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     for option in command.params:
         if option.name != "clip":
             assert option.opts[0] in text
-    for default in ("runs/<clip name>", "10m with the cpu preset", "default: auto", "default: 0"):
+    for default in ("runs/<clip name>", "default: 10m; of several windows", "default: auto", "default: 0"):
         assert default in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "research" not in p.parts)]
 LOG = sorted((ROOT / "docs" / "research").glob("*.md"))
 
+FOLDERS = ("decomotion", "export/decomo_export", "runtime/decomo_runtime", "eval/decomo_eval")
 MOST_WORDS = 40
 """Of a sentence; a semicolon or colon ends one."""
 HISTORY = re.compile(r"\b(as before|no longer|used to be|formerly|previously|since then|was not kept)\b", re.IGNORECASE)
@@ -95,6 +97,30 @@ def test_sentences_are_short(page: Path):
 def test_cells_of_tables_are_short(page: Path):
     rows = [line for line in prose(page).splitlines() if line.startswith("|")]
     assert [cell for row in rows for cell in row.split("|") if len(cell) > 500] == []
+
+
+def said_by_programs() -> str:
+    """All text of our packages, a line for each; what is put into it when it is said is `…`."""
+
+    def text(node: ast.AST) -> str | None:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            return re.sub(r"%[.\dl]*[a-z]", "…", node.value)
+        if isinstance(node, ast.JoinedStr):
+            return "".join(text(part) or "…" for part in node.values)
+        return None
+
+    files = (file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py"))
+    nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    return "\n".join(found for node in nodes if (found := text(node)))
+
+
+def test_what_programs_are_told_to_say_they_say():
+    """Sentences of the table of troubleshooting."""
+    table = (ROOT / "docs" / "troubleshooting.md").read_text().split("\n| it says |")[1].split("\n\n")[0]
+    quoted = [cell[1:-1] for cell in re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE)]
+    assert len(quoted) > 12
+    said = said_by_programs()
+    assert [each for each in quoted if each not in said] == []
 
 
 def test_no_two_pages_have_one_title():
