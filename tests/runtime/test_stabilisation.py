@@ -201,6 +201,7 @@ def test_what_is_not(text: str):
         ("90,90,5,5", {}, QueryError, "--stabilise 90,90,5,5@0 lies outside of the frame"),
         ("a,b,c,d", {}, QueryError, "--stabilise a,b,c,d@0 is not X,Y,WIDTH,HEIGHT@T"),
         ("scene", {"frames": [9]}, QueryError, "frame"),
+        ("scene", {"frames": []}, RenderError, "no frame to hold still"),
     ],
 )
 def test_bad_input(still: str, options: dict, error: type[Exception], sentence: str):
