@@ -264,12 +264,13 @@ def _averaged(pairs: _Pairs, wanted: Iterable[int], deviation: float, every: Seq
 
     These are the same for all, a fixed few of the clip's, so that the mean moves smoothly.
     """
-    anchors = every[:: max(1, int(deviation / ANCHORS))]
+    step = max(1, int(deviation / ANCHORS))
+    anchors, reach = every[::step], math.ceil(REACH * deviation / step) + 1
     corners = _corners(pairs.size)
     found = {}
     for frame in map(int, wanted):
         weights, places, others = [], [], 0
-        for anchor in anchors:
+        for anchor in anchors[max(0, frame // step - reach) : frame // step + reach + 1]:
             away = abs(anchor - frame) / deviation
             matrix = pairs.between(frame, anchor) if away <= REACH else None
             if matrix is not None:
