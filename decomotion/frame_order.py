@@ -8,8 +8,8 @@ another order, the names must show which it is.
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from itertools import combinations, pairwise
 from pathlib import PurePath
@@ -18,6 +18,8 @@ from decomotion.errors import ClipError
 
 Key = list[str | Fraction]
 """Text and numbers in turn; text, which may be empty, is first and last."""
+Numbers = tuple[Fraction, ...]
+"""Of a name."""
 
 _DIGITS = "0-9"  # not \d: one order in every language and alphabet
 _AMONG_NUMBERS = rf"(?<![{_DIGITS}])(?<![{_DIGITS}]\.)"
@@ -47,7 +49,7 @@ def name_key(name: str, minus: bool = False, decimal: bool = False) -> Key:
     return [Fraction(part) if place % 2 else part for place, part in enumerate(parts)]
 
 
-def words_and_numbers(name: str) -> tuple[tuple[str, ...], tuple[Fraction, ...]]:
+def words_and_numbers(name: str) -> tuple[tuple[str, ...], Numbers]:
     """The letters of a name between its numbers, which are those of one series, and the numbers."""
     key = name_key(name)
     words = tuple("".join(filter(str.isalpha, part)) for part in key if isinstance(part, str))
@@ -57,7 +59,7 @@ def words_and_numbers(name: str) -> tuple[tuple[str, ...], tuple[Fraction, ...]]
 def _check_single(names: Sequence[str]) -> None:
     """Refuses two files of one name, and two series that have the same numbers, as `0001.png` and `0001_mask.png`."""
     named: dict[str, str] = {}
-    series: dict[tuple[str, ...], dict[tuple[Fraction, ...], str]] = defaultdict(dict)
+    series: dict[tuple[str, ...], dict[Numbers, str]] = defaultdict(dict)
     for name in names:
         stem = PurePath(name).stem
         if (other := named.setdefault(stem, name)) != name:
@@ -67,13 +69,28 @@ def _check_single(names: Sequence[str]) -> None:
         words, numbers = words_and_numbers(name)
         if numbers:
             series[words][numbers] = name
-    for one, other in combinations(series.values(), 2):
-        if len(shared := sorted(one.keys() & other.keys())) > 1:
-            first, second = sorted([one[shared[0]], other[shared[0]]])
-            raise ClipError(
-                f"{first} and {second} have one number, and so have {len(shared) - 1} more pairs: two clips, or "
-                "frames and their masks; keep them in folders of their own"
-            )
+    ways = list(series.values())
+    if (pair := _first_that_share(ways)) is not None:
+        one, other = (ways[number] for number in pair)
+        shared = sorted(one.keys() & other.keys())
+        first, second = sorted([one[shared[0]], other[shared[0]]])
+        raise ClipError(
+            f"{first} and {second} have one number, and so have {len(shared) - 1} more pairs: two clips, or "
+            "frames and their masks; keep them in folders of their own"
+        )
+
+
+def _first_that_share(ways: Sequence[Collection[Numbers]]) -> tuple[int, int] | None:
+    """The first two of some series that have two numbers or more in common; None where no two have.
+
+    Names of letters and digits by chance are each a series of their own, of which no two are compared for nothing.
+    """
+    with_number: dict[Numbers, list[int]] = defaultdict(list)
+    for number, each in enumerate(ways):
+        for key in each:
+            with_number[key].append(number)
+    common = Counter(pair for those in with_number.values() for pair in combinations(those, 2))
+    return min((pair for pair, count in common.items() if count > 1), default=None)
 
 
 def _has_minus(names: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from decomotion.errors import InputError, TrainingError
 from decomotion.files import replacing
-from decomotion.jobs.clip_task import ClipTask, is_model
+from decomotion.jobs.clip_task import ClipTask, is_model, read_json
 from decomotion.jobs.engine import Engine, run_tasks
 from decomotion.jobs.task import Outcome
 
@@ -137,10 +137,13 @@ def claim(file: Path, settings: Mapping[str, Any], error: type[InputError], **un
     """Writes the settings with which a folder's models are made, or compares with them.
 
     A folder without a model takes others; a file that does not say a setting means the `unsaid` one. Raises `error`
-    where they differ.
+    where they differ, or the file is damaged.
     """
     if file.is_file() and any((file.parent / "models").glob("*")):
-        found = {**unsaid, **json.loads(file.read_text(encoding="utf-8"))}
+        said = read_json(file)
+        if not said:
+            raise error(f"{file} is damaged and does not tell what the models there were made with; give another --out")
+        found = {**unsaid, **said}
         different = [key for key, value in settings.items() if found.get(key) != value]
         if different:
             raise error(f"{file.parent} was made with another {' and '.join(different)}; give another --out")

@@ -210,7 +210,7 @@ class _Folder:
         absent = tuple(name for name in names if not self._source(name).exists())
         if absent and (all_needed or len(absent) == len(names)):
             raise PredictionError(
-                f"{self.path} has no {', '.join(f'{name}{self.suffix}' for name in absent)}; it must hold "
+                f"{self.path} has no {_some([f'{name}{self.suffix}' for name in absent])}; it must hold "
                 f"<video>{self.suffix} for the videos to score"
             )
         return absent
@@ -270,7 +270,7 @@ class _Masks:
         known = npz_keys(self.path, DatasetError)
         absent = tuple(name for name in names if name not in known)
         if len(absent) == len(names):
-            raise DatasetError(f"{self.path} has masks of {', '.join(known)}, but of no video that is scored")
+            raise DatasetError(f"{self.path} has masks of {_some(known)}, but of no video that is scored")
         return absent
 
 
@@ -291,15 +291,21 @@ def _check_one_category(resolutions: Mapping[str, str]) -> None:
 
 
 def _select(known: Mapping[str, Video], names: Sequence[str] | None, dataset: str | Path) -> list[str]:
-    """The names, checked, or those of all videos."""
+    """The names, checked and each once, or those of all videos."""
     if names is None:
         return list(known)
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise DatasetError(f"{dataset} has no video {', '.join(unknown)}; it has {', '.join(known)}")
+        raise DatasetError(f"{dataset} has no video {_some(unknown)}; it has {_some(list(known))}")
     if not names:
-        raise DatasetError(f"no video is named; {dataset} has {', '.join(known)}")
-    return list(names)
+        raise DatasetError(f"no video is named; {dataset} has {_some(list(known))}")
+    return list(dict.fromkeys(names))
+
+
+def _some(names: Sequence[str], most: int = 8) -> str:
+    """For a sentence: a benchmark may have a thousand."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def _mean_over_videos(scores: Sequence[Metrics]) -> dict[str, float]:

@@ -137,3 +137,7 @@ def __getattr__(name: str) -> object:
     if name in __all__:
         return getattr(import_module(f"decomo_runtime.{_HOMES.get(name, 'errors')}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

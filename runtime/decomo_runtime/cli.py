@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from decomo_runtime.options import CAMERA, check_drawing, drawing_options
+from decomo_runtime.options import CAMERA, check_clip_asked, check_drawing, drawing_options
 from decomo_runtime.point_options import Asked, point_options
 from decomotion.console import run
 
@@ -61,7 +61,6 @@ def track(
 
     import numpy as np
 
-    from decomo_runtime.errors import OverlayError
     from decomo_runtime.formats.about import About
     from decomo_runtime.formats.registry import format_of
     from decomo_runtime.overlay import check_clip, draw_tracks
@@ -73,12 +72,7 @@ def track(
     from decomotion.outputs import check_new_folder, check_not_input, check_output
 
     asked.check()
-    drawn_or_refined = overlay is not None or refine
-    if drawn_or_refined if clip_path is None else not (drawn_or_refined or asked.points_from):
-        raise OverlayError(
-            "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
-            "keypoints name"
-        )
+    check_clip_asked(clip_path, overlay, refine, asked.points_from)
     check_drawing(overlay, mark, trails)
     form = format_of(out, to)
     (check_new_folder if form.folder else check_output)("--out", out)

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from decomo_runtime.dense import dense_flows
 from decomo_runtime.dense_maps import DenseMap, identity, smoothed
 from decomo_runtime.errors import RenderError
+from decomo_runtime.footage import FramesByNumber, check_footage
 from decomo_runtime.layers import pixel_queries
 from decomo_runtime.mipmaps import Mipmaps
 from decomo_runtime.options import DYNAMIC, OWNERS, SEEN, STATIC
@@ -34,7 +35,6 @@ from decomotion.frame_files import decode_rgba
 from decomotion.images import filled
 
 if TYPE_CHECKING:
-    from decomo_runtime.footage import FramesByNumber
     from decomo_runtime.model_file import ModelFacts
     from decomo_runtime.tracker import Tracker
 
@@ -141,8 +141,9 @@ def draw_edits(
         alone: the edits without the clip, uint8 [H, W, 4] RGBA, alpha not premultiplied.
 
     Raises `RenderError` as `check_edit`, and where an edit is on the static scene and the model holds nothing to be
-    static.
+    static; `OverlayError` where `frames` are of another clip, `QueryError` where a wanted frame is none of it.
     """
+    check_footage(frames, tracker.facts)
     for edit in edits:
         check_edit(edit, tracker.facts)
     scene = SceneMaps(tracker, follow_scene(tracker)) if any(edit.on == STATIC for edit in edits) else None

@@ -26,7 +26,7 @@ class TracksFileError(RuntimeInputError):
 
 
 class OverlayError(RuntimeInputError):
-    """The clip given for the overlay is not the one that the model was fitted to."""
+    """The clip given, to be drawn on or changed, is not the one that the model was fitted to."""
 
 
 class FlowError(RuntimeInputError):

@@ -8,13 +8,17 @@ of far frames are held on that way. Those next to it are read by a second reader
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.errors import OverlayError, RuntimeInputError
 from decomotion.frames import Frames
+
+if TYPE_CHECKING:
+    from decomo_runtime.model_file import ModelFacts
 
 Image = npt.NDArray[np.uint8]
 
@@ -39,6 +43,26 @@ class FramesByNumber(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, frame: int, /) -> Image: ...
+
+
+def check_footage(frames: FramesByNumber, model: ModelFacts, error: type[RuntimeInputError] = OverlayError) -> None:
+    """Raises `error` where `frames` are not uint8 [T, H, W, 3] of the clip that the model was fitted to.
+
+    Frames without a `shape` that are not in a list are known by their number alone: none is read.
+    """
+    wanted, known = (model.num_frames, model.height, model.width, 3), getattr(frames, "shape", None)
+    kind = getattr(frames, "dtype", np.dtype(np.uint8))
+    if known is not None:
+        shape = tuple(known)
+    elif isinstance(frames, list | tuple) and len(frames):
+        shape, kind = (len(frames), *np.shape(frames[0])), np.asarray(frames[0]).dtype
+    else:
+        shape = (len(frames), *wanted[1:])
+    if shape != wanted or kind != np.uint8:
+        raise error(
+            f"the model was fitted to the {model.num_frames} frames of {model.width}x{model.height} of "
+            f"{model.clip_name}, uint8 {list(wanted)}, but the frames given are {kind} {list(shape)}; give that clip's"
+        )
 
 
 def others_of(frame: int, num_frames: int) -> list[int]:

@@ -39,6 +39,8 @@ def render(
     Their longer side has `long_side` pixels, by default the clip's. Raises `RenderError` for an unknown layer or a size
     below 1, `QueryError` for a frame that the clip does not have.
     """
+    if isinstance(layers, str):
+        raise RenderError(f"layers are given as a list, such as [{layers!r}]; got {layers!r}")
     for layer in layers:
         if layer not in LAYERS:
             raise RenderError(f"there is no layer {layer!r}; choose from {', '.join(LAYERS)}")

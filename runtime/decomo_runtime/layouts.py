@@ -7,6 +7,7 @@ TAP-Vid: its raster spans 0 to 256 in x and in y whatever the image's size; quer
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -48,9 +49,7 @@ def from_cotracker(
 
     Raises `TracksFileError` where they are no numbers, or the shapes do not go together.
     """
-    given = [np.asarray(array) for array in (tracks, visibility, queries)]
-    if any(array.dtype.kind not in "biuf" for array in given):
-        raise TracksFileError(f"CoTracker's layout is of numbers; got {', '.join(str(array.dtype) for array in given)}")
+    given = [_numbers("CoTracker", array) for array in (tracks, visibility, queries)]
     with np.errstate(over="ignore"):
         xy, seen, asked = (array.astype(np.float32) for array in given)
     xy = xy[0] if xy.ndim == 4 and len(xy) == 1 else xy
@@ -58,11 +57,14 @@ def from_cotracker(
     if xy.ndim != 3 or xy.shape[2] != 2 or seen.shape != xy.shape[:2] or asked.shape != (xy.shape[1], 3):
         raise TracksFileError(
             f"CoTracker's layout is tracks [1, T, N, 2], visibility [1, T, N] and queries [N, 3]; got "
-            f"{list(np.shape(tracks))}, {list(np.shape(visibility))} and {list(asked.shape)}"
+            f"{list(given[0].shape)}, {list(given[1].shape)} and {list(asked.shape)}"
         )
-    numbers = np.arange(len(xy)) if frames is None else np.asarray(frames, np.int64)
-    if numbers.shape != (len(xy),):
-        raise TracksFileError(f"frames must name each of the {len(xy)} frames of the tracks; got {list(numbers.shape)}")
+    numbers = np.arange(len(xy)) if frames is None else _numbers("CoTracker", frames)
+    if numbers.shape != (len(xy),) or (len(xy) and numbers.dtype.kind not in "iu"):
+        raise TracksFileError(
+            f"frames must name each of the {len(xy)} frames of the tracks by a whole number; got {numbers.dtype} of "
+            f"{list(numbers.shape)}"
+        )
     occluded = ~(seen.T > COTRACKER_VISIBLE)
     return Tracks(xy.swapaxes(0, 1).copy(), occluded, 1 - seen.T, asked, numbers.astype(np.int64))
 
@@ -78,12 +80,34 @@ def to_tapvid(tracks: Tracks, width: int, height: int) -> TapVid:
 
 
 def from_tapvid(answer: TapVid, width: int, height: int) -> Tracks:
-    """The inverse of `to_tapvid`: all frames from 0, scores 0 and 1."""
-    place = raster_to_pixels(answer.query_points[:, :0:-1], width, height)
-    queries = np.concatenate([answer.query_points[:, :1], place], axis=1).astype(np.float32)
-    xy = raster_to_pixels(answer.tracks, width, height).astype(np.float32)
-    occluded = np.asarray(answer.occluded, bool)
+    """The inverse of `to_tapvid`: all frames from 0, scores 0 and 1.
+
+    Raises `TracksFileError` where they are no numbers, or the shapes do not go together.
+    """
+    points, tracks, hidden = (
+        _numbers("TAP-Vid", array) for array in (answer.query_points, answer.tracks, answer.occluded)
+    )
+    if hidden.ndim != 2 or tracks.shape != (*hidden.shape, 2) or points.shape != (len(hidden), 3):
+        raise TracksFileError(
+            f"TAP-Vid's layout is query_points [N, 3], tracks [N, T, 2] and occluded [N, T]; got {list(points.shape)}, "
+            f"{list(tracks.shape)} and {list(hidden.shape)}"
+        )
+    place = raster_to_pixels(points[:, :0:-1], width, height)
+    queries = np.concatenate([points[:, :1], place], axis=1).astype(np.float32)
+    xy = raster_to_pixels(tracks, width, height).astype(np.float32)
+    occluded = hidden.astype(bool)
     return Tracks(xy, occluded, occluded.astype(np.float32), queries, np.arange(occluded.shape[1]))
+
+
+def _numbers(layout: str, array: npt.ArrayLike) -> npt.NDArray[Any]:
+    """The array; `TracksFileError` where it is of something else, or its rows are not equally long."""
+    try:
+        given = np.asarray(array)
+    except ValueError as error:
+        raise TracksFileError(f"{layout}'s layout is of arrays, but not all rows of one are equally long") from error
+    if given.dtype.kind not in "biuf":
+        raise TracksFileError(f"{layout}'s layout is of numbers; got {given.dtype}")
+    return given
 
 
 def raster_to_pixels(xy: npt.ArrayLike, width: int, height: int) -> npt.NDArray[np.float64]:

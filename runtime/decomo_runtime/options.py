@@ -1,4 +1,4 @@
-"""Options that `decomo-track` and `decomo-render` share: how tracks are drawn."""
+"""What several commands of the runtime ask for in the same way: words, a file with a frame, a clip, how to draw."""
 
 from __future__ import annotations
 
@@ -24,6 +24,12 @@ from other frames.
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+def file_and_frame(text: str) -> tuple[Path, int | None]:
+    """File and frame of `"FILE@T"`, or of `"FILE"`, which has none."""
+    name, _, frame = text.rpartition("@")
+    return (Path(name), int(frame)) if name and frame.isdecimal() else (Path(text), None)
+
+
 def drawing_options(command: Function) -> Function:
     """Adds `mark` and `trails`, which say how an overlay is drawn."""
     for option in (
@@ -37,6 +43,18 @@ def drawing_options(command: Function) -> Function:
     ):
         command = option(command)
     return command
+
+
+def check_clip_asked(clip: Path | None, overlay: Path | None, refine: bool, points_from: str | None) -> None:
+    """`OverlayError` where a clip is needed and not given, or given and of no use."""
+    from decomo_runtime.errors import OverlayError
+
+    needed = overlay is not None or refine
+    if needed if clip is None else not (needed or points_from):
+        raise OverlayError(
+            "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
+            "keypoints name"
+        )
 
 
 def check_drawing(overlay: Path | None, mark: str, trails: str) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from decomo_runtime.options import file_and_frame
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -59,7 +61,7 @@ class Asked:
     @property
     def files(self) -> list[Path]:
         """That will be read."""
-        texts = [_parted(text)[0] for text in (self.mask, self.points_from) if text]
+        texts = [file_and_frame(text)[0] for text in (self.mask, self.points_from) if text]
         return [*texts, *([] if self.queries_file is None else [self.queries_file])]
 
     def check(self) -> None:
@@ -154,7 +156,7 @@ def _keypoints(text: str, clip_path: Path | None, model: ModelFacts) -> tuple[np
     from decomo_runtime.formats.frames import clip_files
     from decomo_runtime.keypoints import read_keypoints
 
-    path, frame = _parted(text)
+    path, frame = file_and_frame(text)
     files = () if clip_path is None else [file.name for file in clip_files(clip_path)]
     keypoints = read_keypoints(path, files)
     if keypoints.size not in (None, (model.height, model.width)):
@@ -164,9 +166,3 @@ def _keypoints(text: str, clip_path: Path | None, model: ModelFacts) -> tuple[np
             "that were drawn on this clip"
         )
     return keypoints.queries(frame)
-
-
-def _parted(text: str) -> tuple[Path, int | None]:
-    """File and frame of `"FILE@T"`, or of `"FILE"`."""
-    name, _, frame = text.rpartition("@")
-    return (Path(name), int(frame)) if name and frame.isdecimal() else (Path(text), None)

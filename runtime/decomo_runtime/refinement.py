@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from decomo_runtime.errors import RefinementError
 from decomo_runtime.expected_error import refined_error
+from decomo_runtime.footage import check_footage
 from decomo_runtime.model_file import ModelFacts
 from decomo_runtime.queries import check_frames, check_queries
 from decomo_runtime.registration import (
@@ -89,11 +90,7 @@ def refine(tracker: AnyTracker, tracks: Tracks, frames: AnyFrames) -> Tracks:
     frames or tracks are not of the tracker's clip.
     """
     model = tracker.facts
-    if tuple(frames.shape) != (model.num_frames, model.height, model.width, 3):
-        raise RefinementError(
-            f"tracks are refined on the {model.num_frames} frames of {model.width}x{model.height} of "
-            f"{model.clip_name}, but the frames given have the shape {list(frames.shape)}; give that clip's"
-        )
+    check_footage(frames, model, RefinementError)
     if tracks.size not in (None, (model.height, model.width)):
         raise RefinementError(
             f"the tracks are of frames of {tracks.size[1]}x{tracks.size[0]} but {model.clip_name} has frames of "

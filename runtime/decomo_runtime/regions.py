@@ -108,8 +108,10 @@ def region_queries(mask: Mask, frame: int, spacing: float | None = None) -> npt.
     """[N, 3] rows of (t, x, y): points every `spacing` pixels (default: `SPACING`) where `mask` [H, W] is True.
 
     The grid lies in the middle of what is True. Where none of its points is True, the pixel farthest from the rim is
-    taken. `QueryError` where the spacing is below 1.
+    taken. `QueryError` where the spacing is below 1, or nothing is True.
     """
+    if not mask.any():
+        raise QueryError("the region has no pixel; give a mask that is True somewhere")
     spacing = SPACING if spacing is None else spacing
     if not 1 <= spacing < np.inf:
         raise QueryError(f"--spacing {spacing:g} must be at least 1 pixel")

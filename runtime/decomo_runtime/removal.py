@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomo_runtime.footage import FramesByNumber, others_of
+from decomo_runtime.footage import FramesByNumber, check_footage, others_of
 from decomo_runtime.objects import Objects
+from decomo_runtime.queries import check_frames
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import known_median, sampled
 from decomo_runtime.scene_motion import SceneMotion, follow_scene
@@ -37,13 +38,20 @@ COLOURS = 5
 def remove_objects(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[int]) -> Iterator[Image]:
     """Yields the `wanted` frames without their objects, uint8 [H, W, 3] RGB; `frames` [T] of such is the whole clip.
 
-    Fastest where they are wanted in order: what is made of a frame is held for those around it. Raises `RenderError`
-    where the model holds nothing to be static.
+    Fastest where they are wanted in order: what is made of a frame is held for those around it. Raises `OverlayError`
+    where `frames` are of another clip, `RenderError` where the model holds nothing to be static, `QueryError` where a
+    wanted frame is none of the clip.
     """
+    check_footage(frames, tracker.facts)
+    return _removed(tracker, frames, wanted)
+
+
+def _removed(tracker: Tracker, frames: FramesByNumber, wanted: Iterable[int]) -> Iterator[Image]:
     motion = follow_scene(tracker)
     objects = Objects(tracker, frames, motion)
     last: tuple[int, Image] | None = None
     for frame in wanted:
+        (frame,) = check_frames([frame], tracker.num_frames).tolist()
         objects.frames.leave_behind(frame)
         made = _without_objects(objects.frames, frame, motion, objects, last)
         last = frame, made

@@ -151,8 +151,8 @@ def stabilise(
             transforms are those by which it goes on where its map is not known.
         smooth: seconds, the deviation of what the motion is averaged over; 0: no motion stays.
 
-    Raises `RenderError` where there is no such thing in the clip, or it is never seen in another frame, `QueryError`
-    where a frame is none of the clip or a box lies outside of it.
+    Raises `RenderError` where there is no such thing in the clip, or it is never seen in another frame, or no frame is
+    asked for, `QueryError` where a frame is none of the clip or a box lies outside of it.
     """
     still = Still.parse(still) if isinstance(still, str) else still
     by = by or (HOMOGRAPHY if still.what == SCENE else SIMILARITY)
@@ -169,11 +169,13 @@ def stabilise(
         raise RenderError(
             f"the frame of reference, {still.frame}, must be within 0 .. {tracker.num_frames - 1}, the clip's frames"
         )
+    wanted = check_frames(frames, tracker.num_frames)
+    if not len(wanted):
+        raise RenderError("there is no frame to hold still; give at least one")
     form = by if by in _LEAST else (HOMOGRAPHY if still.what == SCENE else SIMILARITY)
     motion = _motion(tracker, still)
     pairs = _Pairs(motion, form, (tracker.height, tracker.width))
     every = range(tracker.num_frames)
-    wanted = check_frames(frames, tracker.num_frames)
     found = _averaged(pairs, wanted, smooth * tracker.fps, every) if smooth else _held(pairs, still.frame, wanted)
     matrices, known = _completed(found, wanted, (tracker.height, tracker.width))
     if not known.any():
@@ -262,12 +264,13 @@ def _averaged(pairs: _Pairs, wanted: Iterable[int], deviation: float, every: Seq
 
     These are the same for all, a fixed few of the clip's, so that the mean moves smoothly.
     """
-    anchors = every[:: max(1, int(deviation / ANCHORS))]
+    step = max(1, int(deviation / ANCHORS))
+    anchors, reach = every[::step], math.ceil(REACH * deviation / step) + 1
     corners = _corners(pairs.size)
     found = {}
     for frame in map(int, wanted):
         weights, places, others = [], [], 0
-        for anchor in anchors:
+        for anchor in anchors[max(0, frame // step - reach) : frame // step + reach + 1]:
             away = abs(anchor - frame) / deviation
             matrix = pairs.between(frame, anchor) if away <= REACH else None
             if matrix is not None:

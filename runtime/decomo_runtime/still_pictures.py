@@ -17,7 +17,7 @@ import numpy.typing as npt
 from decomo_runtime.dense import dense_flows
 from decomo_runtime.dense_maps import DenseMap, identity, smoothed
 from decomo_runtime.errors import RenderError
-from decomo_runtime.footage import FramesByNumber, others_of
+from decomo_runtime.footage import FramesByNumber, check_footage, others_of
 from decomo_runtime.mipmaps import Mipmaps
 from decomo_runtime.objects import Objects
 from decomo_runtime.options import BORDERS, CROP, DENSE, FILL
@@ -57,9 +57,11 @@ def draw_stabilised(
         stabilisation: as `stabilise` found it.
         border: one of `BORDERS`.
 
-    Returns what was done, the crop included, and the pictures. Raises `RenderError` where a crop would leave too
-    little, or `border` is "fill" and the model holds nothing to be static.
+    Returns what was done, the crop included, and the pictures. Raises `OverlayError` where `frames` are of another
+    clip, `RenderError` where a crop would leave too little, or `border` is "fill" and the model holds nothing to be
+    static.
     """
+    check_footage(frames, tracker.facts)
     if border not in BORDERS:
         raise RenderError(f"there is no border {border!r}; choose from {', '.join(BORDERS)}")
     maps = maps_of(tracker, stabilisation)

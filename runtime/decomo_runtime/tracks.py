@@ -14,7 +14,7 @@ from decomo_runtime.errors import QueryError
 from decomo_runtime.formats.about import About
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
     """Where N query points are in M frames."""
 
@@ -38,6 +38,12 @@ class Tracks:
     error: npt.NDArray[np.float32] | None = None
     """[N, M], expected error in pixels of the clip: four of five answers are within it (`expected_error.py`); 0 at the
     query. None where a file does not say."""
+
+    def __repr__(self) -> str:
+        number, length = self.occluded.shape
+        size = "" if self.size is None else f" of {self.size[1]}x{self.size[0]}"
+        hidden = f", {self.occluded.mean():.0%} occluded" if self.occluded.size else ""
+        return f"Tracks({number} point{'s' * (number != 1)} in {length} frame{'s' * (length != 1)}{size}{hidden})"
 
     def within(self, max_error: float) -> Tracks:
         """The same tracks, with answers marked hidden that may be farther off than `max_error` pixels.

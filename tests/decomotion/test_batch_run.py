@@ -167,6 +167,13 @@ def test_other_settings_are_refused(batch: Batch, clips: Path, capsys: pytest.Ca
     assert batch("--steps", "5") == 0
     assert batch("--steps", "6") == 2
     assert "out was made with another options; give another --out" in capsys.readouterr().err
+    settings = Path("out/batch.json").read_text()
+    for damaged in ("", settings[:7], "[]"):
+        Path("out/batch.json").write_text(damaged)
+        assert batch("--steps", "5") == 2
+        sentence = "Error: {} is damaged and does not tell what the models there were made with; give another --out\n"
+        assert capsys.readouterr().err == sentence.format(Path("out/batch.json"))
+    Path("out/batch.json").write_text(settings)
     Path("list.csv").write_text("clip,options\nclips/one,--seed 4\nclips/two <b>,\n")
     assert batch("--steps", "5", of="list.csv") == 1
     assert "one.onnx was fitted with other options; move it away to fit it anew" in capsys.readouterr().err

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from itertools import permutations
+from fractions import Fraction
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from decomotion.errors import ClipError
-from decomotion.frame_order import frame_order
+from decomotion.frame_order import _first_that_share, frame_order
 
 TABLE = json.loads((Path(__file__).parents[1] / "recorded" / "frame_order.json").read_text(encoding="utf-8"))
 
@@ -45,6 +47,19 @@ def test_the_sentence_names_the_files(files: list[str], words: str):
     for order in permutations(files):
         with pytest.raises(ClipError, match=words):
             frame_order(order)
+
+
+def test_the_first_two_series_that_share_numbers_are_found():
+    random = np.random.default_rng(0)
+    for most in (3, 20, 400):
+        ways = [{(Fraction(int(each)),) for each in random.choice(most, 3, replace=False)} for _ in range(30)]
+        pairs = [pair for pair in combinations(range(30), 2) if len(ways[pair[0]] & ways[pair[1]]) > 1]
+        assert _first_that_share(ways) == next(iter(pairs), None)
+
+
+def test_names_by_chance_are_compared_only_where_they_share_a_number():
+    """Each is a series of its own: all pairs of so many would take many minutes."""
+    assert _first_that_share([{(Fraction(number),)} for number in range(50_000)]) is None
 
 
 def test_few_files_are_in_order():

@@ -213,6 +213,10 @@ def test_error_over_time_by_hand(dataset: Path) -> None:
     one = Scored(read_dataset(dataset)["left"], queries, Prediction(drifted, occluded, (32, 20)), {})
     for mode, expected in (("strided", [math.nan, 5, 10]), ("first", [math.nan, 5, math.nan])):
         np.testing.assert_array_equal(median_error_by_gap(one, mode), [*expected, math.nan, math.nan])
+    nothing = Scored(one.video, queries.chosen(np.zeros(1, bool)), Prediction(tracks[:0], occluded[:0], (32, 20)), {})
+    assert np.isnan(median_error_by_gap(nothing, "first")).all()
+    hidden = Scored(one.video, Queries(queries.points, tracks, ~occluded), one.prediction, {})
+    np.testing.assert_array_equal(median_error_by_gap(hidden, "strided"), [math.nan, math.nan, 10, math.nan, math.nan])
     both = mean_over_videos([np.array([1.0, math.nan]), np.array([3.0, math.nan, 5])])
     np.testing.assert_array_equal(both, [2, math.nan, 5])
 

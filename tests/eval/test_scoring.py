@@ -74,6 +74,28 @@ def test_a_requested_video_must_be_there(dataset: Path, write_predictions: Write
         evaluate(dataset, predictions=folder, videos=[])
 
 
+def test_a_video_that_is_named_twice_is_scored_once(dataset: Path, write_predictions: WritePredictions) -> None:
+    seen: list[str] = []
+    report = evaluate(
+        dataset,
+        predictions=write_predictions("left", "right"),
+        videos=["right", "left", "right"],
+        watch=lambda scored: seen.append(scored.video.name),
+    )
+    assert seen == list(report.videos) == ["right", "left"]
+
+
+def test_of_a_thousand_videos_some_are_named(
+    dataset: Path, dataset_content: dict[str, Any], write_predictions: WritePredictions
+) -> None:
+    folder = write_predictions("left")
+    dataset.write_bytes(pickle.dumps({f"v{number:03}": dataset_content["left"] for number in range(200)}))
+    with pytest.raises(PredictionError, match=r"has no v000.npz, .*, v007.npz and 192 more; it must hold"):
+        evaluate(dataset, predictions=folder)
+    with pytest.raises(DatasetError, match=r"has no video up; it has v000, .*, v007 and 192 more$"):
+        evaluate(dataset, predictions=folder, videos=["up"])
+
+
 def test_a_folder_without_any_video_is_an_error(dataset: Path, tmp_path: Path) -> None:
     with pytest.raises(PredictionError, match=r"has no left.onnx, right.onnx"):
         evaluate(dataset, models=tmp_path)

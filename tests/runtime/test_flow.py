@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -165,11 +166,24 @@ def test_names_tell_the_pair(tmp_path: Path, asked: tuple, files: dict[str, tupl
         ((-1, "all", False), "--from -1 must be within 0 .. 3"),
         ((3, "next", False), "frame 3 is the clip's last"),
         (("all", "all", True), "goes in both directions already"),
+        ((np.int64(4), 0, False), "--from 4 must be within 0 .. 3"),
+        (("first", 2, False), "--from first is neither a frame's number, counted from 0, nor all"),
+        ((2, "last", False), "--to last is neither a frame's number, counted from 0, nor all or next"),
+        ((2, 1.5, False), "--to 1.5 is neither"),
+        ((True, 2, False), "--from True is neither"),
     ],
 )
 def test_frames_that_are_none(asked: tuple, reason: str):
     with pytest.raises(FlowError, match=re.escape(reason)):
         series_of(*asked, num_frames=4)
+
+
+@pytest.mark.parametrize("other", [1, "all", "next"])
+def test_numpy_s_numbers_are_frames(other: Any):
+    for number in (np.int64(2), np.uint8(2)):
+        assert series_of(number, other, False, num_frames=4) == series_of(2, other, False, num_frames=4)
+        if other != "next":
+            assert series_of(other, number, False, num_frames=4) == series_of(other, 2, False, num_frames=4)
 
 
 def test_a_clip_of_one_frame_has_no_next_one():

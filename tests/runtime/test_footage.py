@@ -5,14 +5,20 @@ from __future__ import annotations
 import weakref
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from decomo_runtime import Edit, OverlayError, Stabilisation, draw_edits, draw_stabilised, propagate, remove_objects
 from decomo_runtime import footage as footage_module
-from decomo_runtime.footage import BESIDE, Footage, others_of
+from decomo_runtime.footage import BESIDE, Footage, check_footage, others_of
+from decomo_runtime.propagation.shapes import Annotation
+from decomo_runtime.stabilisation import Still
 from decomotion.frames import Frames, Image, Source
+from tiny_fit import FRAMES, sliding_square
+from true_tracker import TrueTracker
 
 HEIGHT, WIDTH = 18, 30
 SMALL = 6, 10
@@ -107,3 +113,52 @@ def test_small_ones_are_means():
     image = np.random.default_rng(0).integers(0, 256, (1, HEIGHT, WIDTH, 3), dtype=np.uint8)
     expected = cv2.resize(image[0], SMALL[::-1], interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(Footage(image, (HEIGHT, WIDTH), SMALL).small(0), expected)
+
+
+def others() -> list[Any]:
+    """What is given in place of a clip's frames by mistake."""
+    frames = np.asarray(sliding_square().frames)
+    return [
+        frames[:-1],
+        frames[:, :-2],
+        frames[..., 0],
+        frames / 255,
+        list(frames[:, :, :-2]),
+        [],
+        Frames(Film(FRAMES)),
+    ]
+
+
+class TestFramesOfAnotherClip:
+    @pytest.mark.parametrize("which", range(7))
+    @pytest.mark.parametrize(
+        "draw",
+        [
+            remove_objects,
+            lambda tracker, frames, wanted: draw_edits(tracker, frames, list[Edit](), wanted),
+            lambda tracker, frames, _: draw_stabilised(tracker, frames, nothing_moved()),
+            lambda tracker, frames, _: propagate(tracker, Annotation((1, 1), (), ()), frames),
+        ],
+        ids=["remove", "edits", "still", "propagate"],
+    )
+    def test_are_refused_before_any_work(self, draw: Callable[..., object], which: int):
+        frames = others()[which]
+        with pytest.raises(OverlayError, match=r"to the 8 frames of 40x28 of sliding, .* but the frames given are "):
+            draw(TrueTracker(), frames, [0])
+
+    def test_of_frames_that_are_made_when_asked_for_none_is_made(self):
+        class Made:
+            def __len__(self) -> int:
+                return FRAMES
+
+            def __getitem__(self, frame: int, /) -> Image:
+                raise AssertionError
+
+        check_footage(Made(), TrueTracker().facts)
+        for same in (sliding_square().frames, list(sliding_square().frames)):
+            check_footage(same, TrueTracker().facts)
+
+
+def nothing_moved() -> Stabilisation:
+    known, matrices = np.ones(1, bool), np.eye(3)[None]
+    return Stabilisation(np.zeros(1, np.int64), matrices, known, Still("scene"), (28, 40), np.zeros(1))

@@ -34,6 +34,12 @@ def test_each_name_is_there(name: str):
     assert getattr(decomo_runtime, name).__name__ == name
 
 
+@pytest.mark.parametrize("package", ["decomotion", "decomo_export", "decomo_runtime", "decomo_eval"])
+def test_public_names_are_listed_though_nothing_is_loaded(package: str):
+    """For those who press Tab in a notebook."""
+    assert loaded(f"import {package}; assert set({package}.__all__) <= set(dir({package}))") == []
+
+
 def test_unknown_name():
     with pytest.raises(AttributeError, match="no attribute 'Trakcer'"):
         decomo_runtime.Trakcer  # noqa: B018

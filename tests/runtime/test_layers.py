@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,8 @@ def test_what_is_out_of_range_does_not_wrap(value: float):
 def test_bad_requests(tracker: Tracker):
     with pytest.raises(RenderError, match="there is no layer 'sky'; choose from fused, static"):
         render(tracker, 0, ["sky"])
+    with pytest.raises(RenderError, match=re.escape("such as ['static']; got 'static'")):
+        render(tracker, 0, "static")
     with pytest.raises(QueryError, match=r"it must be within 0 \.\. 5"):
         render(tracker, 6)
     for wrong in (0, -3, 2.5, True):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,15 @@ def test_wrong_shapes():
         from_cotracker(xy, visibility[..., :2], tracks.queries)
     with pytest.raises(TracksFileError, match="frames must name each of the 4 frames"):
         from_cotracker(xy, visibility, tracks.queries, [0, 1])
+    with pytest.raises(TracksFileError, match=r"by a whole number; got float64 of \[4\]"):
+        from_cotracker(xy, visibility, tracks.queries, [0, 0.5, 1, 2])
+    with pytest.raises(TracksFileError, match="CoTracker's layout is of numbers; got <U"):
+        from_cotracker(xy, visibility, tracks.queries, ["a", "b", "c", "d"])
+    with pytest.raises(TracksFileError, match="not all rows of one are equally long"):
+        from_cotracker([[1, 2], [3]], visibility, tracks.queries)
+    answer = to_tapvid(tracks, width=64, height=32)
+    with pytest.raises(TracksFileError, match=r"TAP-Vid's layout is .* got \[2, 3\], \[3, 4, 2\] and \[3, 4\]"):
+        from_tapvid(replace(answer, query_points=answer.query_points[:2]), width=64, height=32)
 
 
 def test_tapvid():

@@ -183,3 +183,8 @@ def test_bad_regions(tmp_path: Path, read: Callable[..., np.ndarray], text: str,
 def test_bad_spacing(spacing: float):
     with pytest.raises(QueryError, match="must be at least 1 pixel"):
         box_queries("1,2,9,9@0", spacing, MODEL)
+
+
+def test_a_mask_of_nothing_has_no_points():
+    with pytest.raises(QueryError, match="the region has no pixel"):
+        region_queries(np.zeros((5, 7), bool), 0)

@@ -2,11 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from decomo_runtime import Appearance, RenderError
+from decomo_runtime import Appearance, QueryError, RenderError
 from decomo_runtime import footage as footage_module
 from decomo_runtime import objects as objects_module
 from decomo_runtime import removal as removal_module
@@ -42,6 +43,13 @@ def narrow_edges(monkeypatch: pytest.MonkeyPatch):
 
 def tracker(static: float = 1.0):
     return TrueTracker(static)
+
+
+def tracker_of_two() -> TrueTracker:
+    """Of the first two frames."""
+    model = tracker()
+    model.facts = replace(model.facts, num_frames=2)
+    return model
 
 
 def objects(frames: np.ndarray) -> Objects:
@@ -127,7 +135,7 @@ def test_a_leg_of_the_square_goes_with_it_and_a_stranger_stays(monkeypatch: pyte
 def test_what_no_frame_shows_is_continued_and_then_carried_on():
     """Two frames: the square hides most of the same scene in both."""
     frames = sliding_square().frames[:2].copy()
-    model = tracker()
+    model = tracker_of_two()
     motion, found = follow_scene(model), objects(frames)
     behind = propagate(frames, 0, whole((HEIGHT, WIDTH)), motion, found)
     unknown = np.isnan(behind).any(-1) & (found.share(0) > 0)
@@ -145,7 +153,7 @@ def test_what_no_frame_shows_is_continued_and_then_carried_on():
 
 def test_a_hole_of_the_static_volume_leaves_no_hole_in_the_picture(monkeypatch: pytest.MonkeyPatch):
     """Its colour there is black; what is around it goes on instead."""
-    frames, model = sliding_square().frames[:2], tracker()
+    frames, model = sliding_square().frames[:2], tracker_of_two()
     whole = next(remove_objects(model, frames, [0]))
     sample = model.sample
 
@@ -174,6 +182,12 @@ def test_nothing_moves_nothing_changes(monkeypatch: pytest.MonkeyPatch):
 def test_a_model_without_a_static_scene():
     with pytest.raises(RenderError, match="holds nothing in sliding to be static"):
         next(remove_objects(tracker(0.0), sliding_square().frames, [0]))
+
+
+@pytest.mark.parametrize("frame", [-1, FRAMES, 1.5])
+def test_frames_that_the_clip_does_not_have(frame: Any):
+    with pytest.raises(QueryError, match="frames"):
+        next(remove_objects(tracker(), sliding_square().frames, [frame]))
 
 
 class Decoded(Sequence[np.ndarray]):

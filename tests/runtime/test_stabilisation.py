@@ -14,7 +14,7 @@ import pytest
 from decomo_runtime import QueryError, RenderError, Tracks, TracksFileError, draw_stabilised, stabilise
 from decomo_runtime import Stabilisation as Done
 from decomo_runtime.options import CROP, DENSE, FILL, HOMOGRAPHY, NONE, SIMILARITY, TRANSFORMS, TRANSLATION
-from decomo_runtime.stabilisation import Still, _is_sane, format_of_transforms
+from decomo_runtime.stabilisation import ANCHORS, REACH, Still, _averaged, _is_sane, format_of_transforms
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, SQUARE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
 
@@ -81,6 +81,37 @@ def test_smoothing_keeps_the_slow_motion_and_takes_the_shaking_out():
     assert np.abs(np.diff(shake, 2, axis=0)).max() == 8
     assert np.abs(np.diff(path, 2, axis=0)).max() < 0.5
     assert -8 < path[-1, 0] - path[0, 0] < -3  # of 7 that it moved
+
+
+class EvenPairs:
+    """Each frame lies a pixel to the right of the one before; `asked` says between which it was looked."""
+
+    size = HEIGHT, WIDTH
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, int]] = []
+
+    def between(self, frame: int, other: int) -> np.ndarray:
+        self.asked.append((frame, other))
+        return np.array([[1.0, 0, other - frame], [0, 1, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("deviation", [0.4, 1.0, 7.3, 24.0])
+def test_a_frame_looks_at_anchors_near_it_alone_however_long_the_clip_is(deviation: float):
+    pairs, step = EvenPairs(), max(1, int(deviation / ANCHORS))
+    wanted, length = [0, 5, 500_000_000, 999_999_999], 10**9
+    found = _averaged(pairs, wanted, deviation, range(length))  # type: ignore[arg-type]
+    reach = round(REACH * deviation) + 2 * step
+    near = {
+        frame: [
+            anchor
+            for anchor in range(max(0, frame - reach), min(length, frame + reach + 1))
+            if anchor % step == 0 and abs(anchor - frame) / deviation <= REACH
+        ]
+        for frame in wanted
+    }
+    assert pairs.asked == [(frame, anchor) for frame in wanted for anchor in near[frame]]
+    assert found.keys() == {frame for frame in wanted if set(near[frame]) - {frame}}
 
 
 def test_pictures_of_a_still_scene():
@@ -201,6 +232,7 @@ def test_what_is_not(text: str):
         ("90,90,5,5", {}, QueryError, "--stabilise 90,90,5,5@0 lies outside of the frame"),
         ("a,b,c,d", {}, QueryError, "--stabilise a,b,c,d@0 is not X,Y,WIDTH,HEIGHT@T"),
         ("scene", {"frames": [9]}, QueryError, "frame"),
+        ("scene", {"frames": []}, RenderError, "no frame to hold still"),
     ],
 )
 def test_bad_input(still: str, options: dict, error: type[Exception], sentence: str):

@@ -29,6 +29,13 @@ def some_tracks(points: int = 3, frames: int = 4, timed: bool = False) -> Tracks
     )
 
 
+def test_shown_they_are_a_line():
+    tracks = some_tracks()
+    assert repr(tracks) == f"Tracks(3 points in 4 frames of 160x90, {tracks.occluded.mean():.0%} occluded)"
+    assert repr(replace(some_tracks(1, 1), size=None)).startswith("Tracks(1 point in 1 frame, ")
+    assert repr(some_tracks(0, 4)) == "Tracks(0 points in 4 frames of 160x90)"
+
+
 @pytest.mark.parametrize("timed", [False, True])
 @pytest.mark.parametrize("shape", [(3, 4), (0, 4), (3, 0), (0, 0), (1, 1)])
 def test_npz_round_trip(tmp_path: Path, shape: tuple[int, int], timed: bool):

@@ -18,6 +18,7 @@ import pytest
 from children import child
 from decomo_runtime import Tracker, ViewError
 from decomo_runtime.view import cli
+from decomo_runtime.view import refit as refit_module
 from decomo_runtime.view.refit import Refits
 from decomo_runtime.view.refit_requests import MOST_BYTES, TOKEN_HEADER
 from decomo_runtime.view.server import HOST, make_server
@@ -118,6 +119,22 @@ def test_of_a_long_clip_the_model_is_a_folder(bench: Bench, tmp_path: Path):
     assert refits.state.file == str(tmp_path / "models" / "slide-corrected")
     assert Tracker(tmp_path / "models" / "slide-corrected").facts.num_frames == 30
     assert json.loads((site / "site.json").read_text())["model"] == refits.state.model
+
+
+def test_after_a_refit_that_breaks_off_another_can_begin(bench: Bench, refits: Refits, monkeypatch: pytest.MonkeyPatch):
+    told: list[threading.ExceptHookArgs] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(threading, "excepthook", told.append)
+        patch.setattr(refit_module, "begin", lambda _: 1 / 0)
+        refits.begin(CORRECTIONS)
+        assert ended(refits) == "failed"
+        wait_until(lambda: bool(told))
+    assert told[0].exc_type is ZeroDivisionError
+    assert refits.state.said.startswith("the refit broke off")
+    assert bench.left() == ["slide"]
+    bench.let_go()
+    refits.begin(CORRECTIONS)
+    assert ended(refits) == "finished"
 
 
 def test_a_cancelled_refit_ends_all_its_processes_and_leaves_nothing(bench: Bench, refits: Refits):

@@ -62,8 +62,10 @@ def median_error_by_gap(scored: Scored, query_mode: str) -> FloatArray:
     error = np.linalg.norm(scored.prediction.tracks - queries.tracks, axis=-1)
     gap = np.abs(np.arange(error.shape[1]) - np.round(queries.points[:, :1]).astype(int))
     medians = np.full(error.shape[1], np.nan)
-    for frames in np.unique(gap[counted]):
-        medians[frames] = np.median(error[counted & (gap == frames)])
+    order = np.argsort(gap[counted], kind="stable")
+    gaps, begins = np.unique(gap[counted][order], return_index=True)
+    for frames, errors in zip(gaps, np.split(error[counted][order], begins[1:]), strict=False):
+        medians[frames] = np.median(errors)
     return medians
 
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from operator import index
+from typing import Literal, SupportsIndex
 
 from decomo_runtime.errors import FlowError
 
 ALL, NEXT = "all", "next"
-Origin = int | Literal["all"]
-Target = int | Literal["all", "next"]
+Origin = SupportsIndex | Literal["all"]
+Target = SupportsIndex | Literal["all", "next"]
 
 
 @dataclass(frozen=True)
@@ -46,25 +47,33 @@ def series_of(origin: Origin, target: Target, both: bool, num_frames: int) -> li
     A frame and itself are a pair too, so that a sequence has no gap. `FlowError` where a frame is none of the clip, or
     `both` says nothing.
     """
-    for name, frame in (("from", origin), ("to", target)):
-        if isinstance(frame, int) and not 0 <= frame < num_frames:
-            raise FlowError(f"--{name} {frame} must be within 0 .. {num_frames - 1}, the clip's frames")
+    start = ALL if origin == ALL else _checked("from", origin, (ALL,), num_frames)
+    end = target if target in (ALL, NEXT) else _checked("to", target, (ALL, NEXT), num_frames)
     every = range(num_frames)
-    if target == NEXT:
-        firsts = every[:-1] if origin == ALL else every[origin : origin + 1]
+    if end == NEXT:
+        firsts = every[start : start + 1] if isinstance(start, int) else every[:-1]
         if not firsts or firsts[-1] + 1 == num_frames:
             raise FlowError(f"--to {NEXT}: frame {num_frames - 1} is the clip's last; give an earlier one as --from")
         seconds = [first + 1 for first in firsts]
         found = [Series(NEXT, list(zip(firsts, seconds, strict=True)), firsts)]
         return found + ([Series("previous", list(zip(seconds, firsts, strict=True)), seconds)] if both else [])
-    if isinstance(origin, int):
-        targets = [target] if isinstance(target, int) else every
-        return [_from(origin, targets)] + ([_to(origin, targets)] if both else [])
-    if isinstance(target, int):
-        return [_to(target, every)] + ([_from(target, every)] if both else [])
+    if isinstance(start, int):
+        targets = [end] if isinstance(end, int) else every
+        return [_from(start, targets)] + ([_to(start, targets)] if both else [])
+    if isinstance(end, int):
+        return [_to(end, every)] + ([_from(end, every)] if both else [])
     if both:
         raise FlowError("--from all --to all goes in both directions already; leave out --both")
     return [_from(each, every) for each in every]
+
+
+def _checked(name: str, frame: object, words: Sequence[str], num_frames: int) -> int:
+    """A frame's number, also one of numpy's; `FlowError` where it is none of the clip."""
+    if isinstance(frame, bool) or not isinstance(frame, SupportsIndex):
+        raise FlowError(f"--{name} {frame} is neither a frame's number, counted from 0, nor {' or '.join(words)}")
+    if not 0 <= index(frame) < num_frames:
+        raise FlowError(f"--{name} {frame} must be within 0 .. {num_frames - 1}, the clip's frames")
+    return index(frame)
 
 
 def _from(origin: int, targets: Sequence[int]) -> Series:

@@ -122,8 +122,9 @@ def frames_of(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str]
     if all("frame_id" in image for image in images):
         return [int(image["frame_id"]) for image in images]
     names = [Path(image["file_name"]).name for image in images]
-    if files and set(names) <= set(files):
-        return [list(files).index(name) for name in names]
+    place = {name: number for number, name in reversed(list(enumerate(files)))}
+    if files and place.keys() >= set(names):
+        return [place[name] for name in names]
     found = [re.search(r"(\d+)\D*$", Path(name).stem) for name in names]
     numbers = [int(number[1]) for number in found if number is not None]
     if len(numbers) < len(names) or (first is None and min(numbers) > 0):

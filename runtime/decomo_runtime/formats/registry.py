@@ -13,6 +13,7 @@ is named where one is missing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -160,7 +161,15 @@ def read(path: Path) -> tuple[Tracks, About]:
 
 
 def _completed(about: About, tracks: Tracks) -> About:
-    """With what `tracks` say of the clip where `about` does not; `TracksFileError` where they are of another clip."""
+    """With what `tracks` say of the clip where `about` does not; `TracksFileError` where they are of another clip, or
+    there is not a name, or a colour, for each point.
+    """
+    for what, given in (("name", about.points), ("colour", about.colours)):
+        if given and len(given) != len(tracks.xy):
+            raise TracksFileError(
+                f"there must be one {what} for each of the {len(tracks.xy)} points, or none at all, but there are "
+                f"{len(given)}"
+            )
     if about.size is not None and tracks.size is not None and about.size != tracks.size:
         raise TracksFileError(
             f"the tracks are in frames of {tracks.size[1]}x{tracks.size[0]} but those of the clip are "
@@ -192,9 +201,9 @@ def rate_of(tracks: Tracks) -> float | None:
         return None
     frames = int(tracks.frames[-1] - tracks.frames[0])
     seconds = float(tracks.times[-1] - tracks.times[0])
-    if frames * seconds <= 0:
+    rate = frames / seconds if seconds else 0.0
+    if not 0 < rate < math.inf:  # times of other tools' files may be anything
         return None
-    rate = frames / seconds
     plain = (round(rate), round(rate * 1.001) / 1.001, *(round(rate, digits) for digits in range(1, 7)))
     return next((each for each in plain if each and abs(frames / each - seconds) <= 1.01 * MICROSECOND), rate)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from decomo_runtime.options import check_clip_asked
 from decomo_runtime.point_options import Asked, point_options
 from decomotion.console import run
 
@@ -115,12 +116,7 @@ def measure(
         if format is not None or gauge is not None:
             raise MeasureError("--format and --gauge go with --map; a file's ending is its format, a region its gauge")
         check_output("--out", out, tuple(TABLES))
-    drawn_or_refined = overlay is not None or refine
-    if drawn_or_refined if clip_path is None else not (drawn_or_refined or asked.points_from):
-        raise OverlayError(
-            "--clip goes with --overlay, --refine or --points-from: the frames to draw on, to find points in, or that "
-            "keypoints name"
-        )
+    check_clip_asked(clip_path, overlay, refine, asked.points_from)
     if overlay is None and (show is not None or limit is not None):
         raise OverlayError("--show and --limit say how an --overlay is drawn; give one, or leave them out")
     if limit is not None and not 0 < limit < np.inf:

@@ -72,7 +72,7 @@ class Followed:
 def check_reference(reference: int, tracker: AnyTracker) -> int:
     """`MeasureError` where the clip has no such frame."""
     last = tracker.facts.num_frames - 1
-    if not 0 <= reference <= last:
+    if not isinstance(reference, int | np.integer) or not 0 <= reference <= last:
         raise MeasureError(f"--reference {reference} is no frame of the clip; give one within 0 .. {last}")
     return reference
 

@@ -116,11 +116,17 @@ def raster_over(
 ) -> Raster:
     """Nodes about every `spacing` pixels of frame `reference`, where `region` [H, W] is True.
 
-    `gauge` is the side, in pixels, of the squares that strains are of. `MeasureError` where frame or sizes are none.
+    `gauge` is the side, in pixels, of the squares that strains are of. `MeasureError` where frame, sizes or region are
+    none of the clip's.
     """
     check_reference(reference, tracker)
     facts = tracker.facts
     full = np.array([facts.height, facts.width])
+    if region is not None and region.shape != (facts.height, facts.width):
+        raise MeasureError(
+            f"the region is a mask of {list(region.shape)}, but the clip's frames are [{facts.height}, {facts.width}]; "
+            "give one of their size"
+        )
     if not 1 <= spacing <= full.min() / 4:
         raise MeasureError(f"--spacing {spacing:g} must be from 1 pixel to a quarter of the frame")
     if not 2 * spacing <= gauge <= full.min():

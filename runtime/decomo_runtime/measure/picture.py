@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -57,7 +58,7 @@ class Colours:
         share = np.clip((values - low) / (self.limit - low), 0, 1)
         return self._table[np.rint(share * 255).astype(int)]
 
-    @property
+    @cached_property
     def _table(self) -> Image:
         """[256, 3]"""
         ramp = np.arange(256, dtype=np.uint8)[None]
@@ -91,10 +92,9 @@ class Chart:
         canvas = self._begun(picture)
         radius = max(3.0, min(spacing * self._factor * 0.45, 0.012 * max(self._canvas)))
         at = self._on_canvas(places)
-        for place, value, dim in zip(at, values, hidden, strict=True):
-            if not np.isfinite(place).all() or not np.isfinite(value):
-                continue
-            ink = self._colours.of(value).tolist()
+        shown = np.isfinite(at).all(-1) & np.isfinite(values)
+        inks = self._colours.of(values[shown]).tolist()
+        for place, ink, dim in zip(at[shown], inks, hidden[shown], strict=True):
             centre, thickness = tuple(np.rint(place * 2**_SHIFT).astype(int).tolist()), 1 if dim else cv2.FILLED
             cv2.circle(canvas, centre, round(radius * 2**_SHIFT), ink, thickness, cv2.LINE_AA, _SHIFT)
         return self._finished(canvas)

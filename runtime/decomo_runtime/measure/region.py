@@ -14,6 +14,7 @@ from decomo_runtime.measure.points import described, rates
 from decomo_runtime.measure.quantities import NONE, Measured, Quantity, plane, strains
 from decomo_runtime.measure.smoothing import Derivatives, derivatives
 from decomo_runtime.measure.strain import Strain, strain_of
+from decomo_runtime.queries import check_queries
 from decomo_runtime.tracks import Tracks
 from decomotion.frames import AnyFrames
 
@@ -83,8 +84,9 @@ def measure_region(
     settings = MeasureSettings() if settings is None else settings
     numbers = wanted_frames(frames, tracker)
     times = settings.times(tracker)[numbers]
-    if reference is None and len(np.atleast_2d(queries)):
-        reference = int(np.atleast_2d(np.asarray(queries, np.float64))[0, 0])
+    queries = check_queries(queries, tracker.facts)
+    if reference is None and len(queries):
+        reference = int(queries[0, 0])
     followed = follow_points(tracker, queries, numbers, reference, clip, settings.progress)
     assert reference is not None, "follow_points refuses no points"
     lengths = settings.lengths(tracker)

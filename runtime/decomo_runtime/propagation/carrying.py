@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decomo_runtime.errors import AnnotationError
+from decomo_runtime.footage import FramesByNumber, check_footage
 from decomo_runtime.propagation.points import Placed, carry_box, carry_points
 from decomo_runtime.propagation.regions import Carried, Regions
 from decomo_runtime.propagation.shapes import Annotation, Kind, Shape
 
 if TYPE_CHECKING:
-    from decomo_runtime.footage import FramesByNumber
     from decomo_runtime.tracker import Tracker
 
 
@@ -47,8 +47,10 @@ def propagate(
 
     What was drawn stays as it is. `frames` are the clip's own, uint8 [T, H, W, 3]: with them the rim of regions goes
     by their edges and colours. Raises `AnnotationError` where nothing was drawn, on frames of another size, or in a
-    frame that the clip does not have.
+    frame that the clip does not have, `OverlayError` where `frames` are of another clip.
     """
+    if frames is not None:
+        check_footage(frames, tracker.facts)
     _check(tracker, annotation)
     drawn = {(shape.frame, shape.thing, shape.kind): shape for shape in annotation.shapes}
     of_regions = sorted({shape.thing for shape in annotation.shapes if shape.kind.is_region})

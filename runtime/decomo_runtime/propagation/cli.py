@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from decomo_runtime.options import file_and_frame
 from decomotion.console import run
 
 _PATH = click.Path(path_type=Path)
@@ -43,7 +44,9 @@ def propagate(model: Path, annotations: Sequence[str], out: Path, clip_path: Pat
     check_new_folder("--out", out)
     tracker = Tracker(model)
     start = time.perf_counter()
-    report = propagate_files(tracker, [_parted(each) for each in annotations], out, clip=clip_path, progress=True)
+    report = propagate_files(
+        tracker, [file_and_frame(each) for each in annotations], out, clip=clip_path, progress=True
+    )
     number, drawn = len(report.things), len({each.frame for each in report.findings if each.drawn})
     gaps = len(report.gaps)
     click.echo(
@@ -60,12 +63,6 @@ def propagate(model: Path, annotations: Sequence[str], out: Path, clip_path: Pat
                 f"frame {each.frame}, by {amount}"
             )
     click.echo(f"wrote {out}")
-
-
-def _parted(text: str) -> tuple[Path, int | None]:
-    """File and frame of `"FILE@T"`, or of `"FILE"`."""
-    name, _, frame = text.rpartition("@")
-    return (Path(name), int(frame)) if name and frame.isdecimal() else (Path(text), None)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

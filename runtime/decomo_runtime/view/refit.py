@@ -160,6 +160,7 @@ class Refits:
 
     def _refit(self, number: int, corrections: bytes, new_run: Path) -> None:
         model = self._site / f"refit-{number}{self._suffix}"
+        ended = State(number, "failed", said="the refit broke off; where decomo-view was started is why")
         try:
             with tempfile.TemporaryDirectory(prefix="decomo-view-") as folder, new_folder(new_run) as temporary:
                 file = Path(folder) / "corrections.csv"
@@ -173,7 +174,8 @@ class Refits:
             ended = State(number, "cancelled")
         except (InputError, OSError) as error:
             ended = State(number, "failed", said=str(error))
-        self._state = ended
+        finally:  # whatever it was: a refit that seems to run for ever lets no other begin
+            self._state = ended
 
     def _work(self, command: Sequence[str | Path], name: str, number: int) -> None:
         """Runs a command to its end and tells its progress; `ViewError` with its last line where it fails."""

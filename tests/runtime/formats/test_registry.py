@@ -126,6 +126,26 @@ class TestWhatIsKnown:
             elif length > 900:
                 assert found == pytest.approx(rate, abs=1e-6)
 
+    @pytest.mark.parametrize("times", [[0, 1, np.nan], [np.nan, 1, 2], [0, 1, np.inf], [0, 0, 0], [2, 1, 0]])
+    def test_times_that_tell_no_rate(self, times: list[float]):
+        xy, occluded = np.zeros((1, 3, 2), np.float32), np.zeros((1, 3), bool)
+        queries = np.zeros((1, 3), np.float32)
+        tracks = Tracks(xy, occluded, occluded.astype(np.float32), queries, np.arange(3), times=np.array(times, float))
+        assert rate_of(tracks) is None
+
+    @pytest.mark.parametrize(
+        ("about", "what"),
+        [(About(points=("nose",)), "name"), (About(colours=("#ffffff", "#000000")), "colour")],
+        ids=["names", "colours"],
+    )
+    def test_a_name_and_a_colour_for_each_point(self, about: About, what: str, tmp_path: Path):
+        sentence = (
+            f"one {what} for each of the 3 points, or none at all, but there are {len(about.points + about.colours)}"
+        )
+        with pytest.raises(TracksFileError, match=sentence):
+            known_tracks().save(tmp_path / "a.json", about=about)
+        assert not list(tmp_path.iterdir())
+
     def test_the_rate_of_every_second_frame(self, tmp_path: Path):
         tracks = known_tracks()
         assert tracks.times is not None

@@ -263,6 +263,8 @@ def test_frames_in_blocks_are_all_there(monkeypatch: pytest.MonkeyPatch):
         (lambda t: measure_points(t, [(0, 1, 2)], reference=-1), "give one within 0 .. 8"),
         (lambda t: measure_points(t, []), "there is no point to measure"),
         (lambda t: measure_region(t, np.empty((0, 3))), "there is no point to measure"),
+        (lambda t: measure_region(t, []), "there is no point to measure"),
+        (lambda t: measure_points(t, [(0, 1, 2)], reference=1.5), "--reference 1.5 is no frame of the clip"),
         (lambda t: measure_points(t, [(0, 1, 2)], frames=[3, 2, 1]), "in rising order"),
         (lambda t: measure_points(t, [(0, 1, 2)], frames=[]), "at least one"),
         (lambda t: measure_points(t, [(0, 1, 2)], frames=[1, 2]), "needs 7 frames but there are 2"),
@@ -273,6 +275,7 @@ def test_frames_in_blocks_are_all_there(monkeypatch: pytest.MonkeyPatch):
         (lambda t: raster_over(t, 0, spacing=16), "to a quarter of the frame"),
         (lambda t: raster_over(t, 0, spacing=8, gauge=12), "--gauge 12 must be at least twice the spacing"),
         (lambda t: raster_over(t, 0, gauge=61), "no more than the frame"),
+        (lambda t: raster_over(t, 0, region=np.ones((9, 7), bool)), "the region is a mask of [9, 7], but the clip's"),
     ],
 )
 def test_bad_arguments(ask: Any, reason: str):
@@ -283,3 +286,10 @@ def test_bad_arguments(ask: Any, reason: str):
 def test_points_outside_of_the_clip():
     with pytest.raises(QueryError, match="x must be within"):
         measure_points(DeformingTracker(*affine(MATRIX)), [(0, 99, 2)])
+
+
+@pytest.mark.parametrize("queries", ["points", [(0, 1), (2, 3)], [(np.nan, 1, 1)], None, [[0, 1, 2], [3]]])
+@pytest.mark.parametrize("ask", [measure_points, measure_region])
+def test_what_is_no_points(ask: Any, queries: Any):
+    with pytest.raises(QueryError):
+        ask(DeformingTracker(*affine(MATRIX)), queries)
