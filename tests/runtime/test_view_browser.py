@@ -150,7 +150,8 @@ def test_ten_points_rename_delete_undo(view: ViewPage, tmp_path: Path):
     expect(view.rows.nth(3).locator("input[type=text]")).not_to_have_value("left eye")
     view.page.locator("#redo").click()
     expect(view.rows.nth(3).locator("input[type=text]")).to_have_value("left eye")
-    expect(view.rows.nth(0).locator(".strip")).to_have_attribute("aria-label", re.compile("^Point [0-9]+: hidden in frames 4 to 5$"))
+    described = re.compile("^Point [0-9]+: hidden in frames 4 to 5$")
+    expect(view.rows.nth(0).locator(".strip")).to_have_attribute("aria-label", described)
     expect(view.rows.nth(0).locator("small")).to_have_text("4/6")
 
 

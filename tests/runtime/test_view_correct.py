@@ -163,7 +163,8 @@ def test_hidden_and_in_sight_are_marked(view: ViewPage, tmp_path: Path):
     expect(strip).to_have_attribute("aria-label", described("hidden in frames 2 to 6, given in frame 2"))
     view.seek(5)
     view.page.keyboard.press("h")
-    expect(strip).to_have_attribute("aria-label", described("hidden in frames 2 to 4, given in frame 2, given in frame 5"))
+    states = "hidden in frames 2 to 4, given in frame 2, given in frame 5"
+    expect(strip).to_have_attribute("aria-label", described(states))
     rows = view.page.locator("#corrections li")
     expect(rows.nth(0)).to_contain_text("frame 2: hidden")
     expect(rows.nth(1)).to_contain_text("frame 5: at (")
@@ -474,7 +475,8 @@ def test_on_a_phone(chromium: Browser, bench: Bench, clip: Path, tmp_path: Path)
 def test_a_finger_is_never_still_and_the_second_one_places_nothing(
     chromium: Browser, model: Path, clip: Path, tmp_path: Path
 ):
-    with opened(chromium, tmp_path / "site", model, clip, viewport={"width": 390, "height": 844}, has_touch=True) as view:
+    options = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+    with opened(chromium, tmp_path / "site", model, clip, **options) as view:
         devtools = view.page.context.new_cdp_session(view.page)
         box = view.stage.bounding_box()
         assert box is not None
