@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from functools import partial
@@ -149,7 +150,8 @@ def test_ten_points_rename_delete_undo(view: ViewPage, tmp_path: Path):
     expect(view.rows.nth(3).locator("input[type=text]")).not_to_have_value("left eye")
     view.page.locator("#redo").click()
     expect(view.rows.nth(3).locator("input[type=text]")).to_have_value("left eye")
-    expect(view.rows.nth(0).locator(".strip")).to_have_attribute("aria-label", "hidden in frames 4 to 5")
+    described = re.compile("^Point [0-9]+: hidden in frames 4 to 5$")
+    expect(view.rows.nth(0).locator(".strip")).to_have_attribute("aria-label", described)
     expect(view.rows.nth(0).locator("small")).to_have_text("4/6")
 
 
@@ -356,6 +358,7 @@ def test_foreign_files_get_one_sentence_and_the_page_goes_on(view: ViewPage, cli
     )
     (tmp_path / "text.onnx").write_text("hello")
     (tmp_path / "points.csv").write_text("t,x,y\n0,1,2\n9,1,2\n")
+    (tmp_path / "none.csv").write_text("t,x,y\n")
     (tmp_path / "slide.mp4").write_bytes(b"")
     short = sorted(clip.iterdir())[:-1]
     for files, sentence in (
@@ -364,11 +367,30 @@ def test_foreign_files_get_one_sentence_and_the_page_goes_on(view: ViewPage, cli
         (short, "5 frames of 48x40 but the model was fitted to slide with 6 frames of 48x40; give that clip"),
         ([tmp_path / "slide.mp4"], "slide.mp4 is a video; give its frames as images"),
         ([tmp_path / "points.csv"], "point 1 (counted from 0): t is 9"),
+        ([tmp_path / "none.csv"], "none.csv holds no points, and nothing that is drawn"),
+        (short[:1], "0.png is one image, and a clip is all its frames; open them at once, or a mask with 'Load mask…'"),
     ):
         view.open(*files)
         view.expect_alert(sentence)
     view.page.locator("#alert button").click()
     view.click(20, 20)
+
+
+def test_a_frame_that_does_not_come_is_said_and_asked_for_again(
+    chromium: Browser, model: Path, clip: Path, tmp_path: Path
+):
+    with opened(chromium, tmp_path / "site", model, clip) as view:
+        view.page.route("**/clip/00003.jpg", lambda route: route.abort())
+        view.page.reload()
+        view.expect_alert("Frame 3 of the clip cannot be loaded from where the page lies; start 'decomo-view' again.")
+        view.page.unroute("**/clip/00003.jpg")
+        view.seek(3)
+        view.page.wait_for_timeout(2500)
+        view.seek(2)
+        view.seek(3)
+        expect(view.page.locator("#frame")).to_have_attribute("data-shown", "3")
+        expect_grey(view, 120)
+        view.complaints.clear()  # of the browser, that nobody answered
 
 
 def test_another_model_and_its_clip_are_opened(chromium: Browser, model: Path, clip: Path, tmp_path: Path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,13 +67,20 @@ def corrections(view: ViewPage, folder: Path) -> list[list[float | None]]:
     return [[float(cell) if cell else None for cell in row] for row in rows]
 
 
+def described(states: str) -> re.Pattern[str]:
+    """What a strip says of a point with any name."""
+    return re.compile(f"^Point [0-9]+: {states}$")
+
+
 def test_a_dragged_point_bends_its_track(view: ViewPage, tmp_path: Path):
     expect(view.page.locator("#refit")).to_be_hidden()  # without --run
     view.seek(1)
     view.click(12, 20)
     view.click(40, 8)
     view.seek(5)
+    expect(view.page.locator("#no-refit")).to_be_hidden()
     view.move(answer(12, 20, 4), (20, 25))
+    expect(view.page.locator("#no-refit")).to_contain_text("start decomo-view with --clip and --run")
     view.expect_drawn((20, 25))
     (row,) = corrections(view, tmp_path)
     np.testing.assert_allclose(row, (1, 12, 20, 5, 20, 25), atol=0.1)
@@ -85,8 +93,8 @@ def test_a_dragged_point_bends_its_track(view: ViewPage, tmp_path: Path):
         tracks.xy[1], [answer(*tracks.queries[1, 1:], frame - 1) for frame in range(7)], atol=1e-3
     )
     strips = view.rows.locator(".strip")
-    expect(strips.nth(0)).to_have_attribute("aria-label", "in sight in every frame, given in frame 5")
-    expect(strips.nth(1)).to_have_attribute("aria-label", "hidden in frames 5 to 6")
+    expect(strips.nth(0)).to_have_attribute("aria-label", described("in sight in every frame, given in frame 5"))
+    expect(strips.nth(1)).to_have_attribute("aria-label", described("hidden in frames 5 to 6"))
 
 
 def test_each_correction_is_undone_and_the_last_one_of_a_frame_counts(view: ViewPage, tmp_path: Path):
@@ -147,15 +155,16 @@ def test_a_point_that_has_left_the_picture_is_placed_with_a_click(view: ViewPage
 def test_hidden_and_in_sight_are_marked(view: ViewPage, tmp_path: Path):
     view.click(12, 20)
     strip = view.rows.nth(0).locator(".strip")
-    expect(strip).to_have_attribute("aria-label", "hidden in frames 4 to 6")
+    expect(strip).to_have_attribute("aria-label", described("hidden in frames 4 to 6"))
     view.page.locator("#mark-hidden").click()
     view.expect_alert("was placed in frame 0: it is in sight there. Mark it in another frame.")
     view.seek(2)
     view.page.locator("#mark-hidden").click()
-    expect(strip).to_have_attribute("aria-label", "hidden in frames 2 to 6, given in frame 2")
+    expect(strip).to_have_attribute("aria-label", described("hidden in frames 2 to 6, given in frame 2"))
     view.seek(5)
     view.page.keyboard.press("h")
-    expect(strip).to_have_attribute("aria-label", "hidden in frames 2 to 4, given in frame 2, given in frame 5")
+    states = "hidden in frames 2 to 4, given in frame 2, given in frame 5"
+    expect(strip).to_have_attribute("aria-label", described(states))
     rows = view.page.locator("#corrections li")
     expect(rows.nth(0)).to_contain_text("frame 2: hidden")
     expect(rows.nth(1)).to_contain_text("frame 5: at (")
@@ -392,6 +401,7 @@ def test_a_second_tab_sees_the_refit_that_runs(refitted: ViewPage, bench: Bench)
 
 def test_a_wrong_token_refits_nothing_and_the_page_goes_on(refitted: ViewPage, bench: Bench):
     page = refitted.page
+    token = page.evaluate("localStorage.getItem('decomo-token')")
     page.evaluate("localStorage.setItem('decomo-token', 'guess')")
     page.reload()
     refitted.wait_until_open()
@@ -401,6 +411,11 @@ def test_a_wrong_token_refits_nothing_and_the_page_goes_on(refitted: ViewPage, b
     refitted.move(answer(12, 20, 2), (20, 30))
     expect(page.locator("#refit-begin")).to_be_disabled()
     assert bench.begun() == []
+    page.evaluate("token => { location.hash = `token=${token}`; }", token)  # the whole address, in the tab that is open
+    expect(page.locator("#refit-begin")).to_be_enabled()
+    expect(page.locator("#refit-said")).to_be_empty()
+    assert "token" not in page.url
+    expect(page.locator("#corrections li")).to_have_count(1)
     refitted.complaints.clear()  # of the browser, that it was refused
 
 
@@ -426,6 +441,11 @@ def test_another_model_is_not_refitted(refitted: ViewPage, bench: Bench, tmp_pat
     bench.let_go()
     page.locator("#refit-begin").click()
     expect(page.locator("#refit-verdict")).to_be_visible()
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    refitted.open(other)
+    expect(page.locator("#corrections li")).to_have_count(1)  # unsaved: the page has asked
+    expect(page.locator("#facts")).to_contain_text("slide")
+    page.once("dialog", lambda dialog: dialog.accept())
     refitted.open(other)
     expect(page.locator("#facts")).to_contain_text("other")
     expect(page.locator("#refit-verdict")).to_be_hidden()
@@ -434,6 +454,7 @@ def test_another_model_is_not_refitted(refitted: ViewPage, bench: Bench, tmp_pat
     refitted.seek(2)
     refitted.move(answer(12, 10, 2), (20, 15))
     expect(page.locator("#refit-begin")).to_be_disabled()
+    expect(page.locator("#refit-begin")).to_have_accessible_description(re.compile("^Another model is open"))
 
 
 def test_on_a_phone(chromium: Browser, bench: Bench, clip: Path, tmp_path: Path):
@@ -449,3 +470,38 @@ def test_on_a_phone(chromium: Browser, bench: Bench, clip: Path, tmp_path: Path)
         assert wide <= 0, "the page scrolls sideways on a phone"
         view.page.locator("#refit-take").tap()
         expect(view.page.locator("#refit-said")).to_contain_text("Taken")
+
+
+def test_a_finger_is_never_still_and_the_second_one_places_nothing(
+    chromium: Browser, model: Path, clip: Path, tmp_path: Path
+):
+    options = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+    with opened(chromium, tmp_path / "site", model, clip, **options) as view:
+        devtools = view.page.context.new_cdp_session(view.page)
+        box = view.stage.bounding_box()
+        assert box is not None
+
+        def touch(kind: str, *fingers: tuple[float, float]) -> None:
+            points = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(fingers)]
+            devtools.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+
+        def on_page(x: float, y: float) -> tuple[float, float]:
+            across, down = view.on_stage(x, y)
+            return box["x"] + across, box["y"] + down
+
+        view.click(12, 20)
+        view.seek(2)
+        x, y = on_page(*answer(12, 20, 2))
+        touch("Start", (x - 6, y))  # beside it, and moving by less than a finger does
+        touch("Move", (x - 1, y + 3))
+        touch("End")
+        first, second = on_page(40, 8), on_page(8, 30)
+        touch("Start", first)
+        touch("Start", first, second)
+        touch("Move", first, (second[0] + 30, second[1]))
+        touch("End")
+        expect(view.rows).to_have_count(2)
+        expect(view.page.locator("#corrections li")).to_have_count(0)
+        queries = view.tracks(tmp_path).queries
+        np.testing.assert_allclose(queries, [(0, 12, 20), (2, 40, 8)], atol=0.2)
+        devtools.detach()

@@ -97,6 +97,20 @@ def test_tracks_are_coloured_by_what_the_runtime_says(view: ViewPage, model: Pat
     expect_colour(view, 200, 150, np.array([int(own[at : at + 2], 16) for at in (1, 3, 5)], np.float64))
 
 
+def test_the_space_bar_ticks_a_box_that_has_the_focus_and_plays_elsewhere(view: ViewPage):
+    colours, play = view.page.locator("#error-colours"), view.page.locator("#play")
+    colours.focus()
+    view.page.keyboard.press("Space")
+    expect(colours).to_be_checked()
+    expect(play).to_have_attribute("aria-pressed", "false")
+    view.page.keyboard.press("Space")
+    expect(colours).not_to_be_checked()
+    view.page.locator("#tools input:checked").focus()
+    view.page.keyboard.press("Space")
+    expect(play).to_have_attribute("aria-pressed", "true")
+    view.page.keyboard.press("Space")
+
+
 def test_legend_is_in_pixels_of_the_clip(view: ViewPage):
     legend = view.page.locator("#error-legend")
     expect(legend).to_be_hidden()

@@ -91,7 +91,7 @@ export class App {
       this.files = files;
       this.use(model, path, new Answers());
       this.document.reset();
-      this.selected = undefined;
+      this.selected = this.sketch.selected = undefined;
       this.player.load(model.facts);
       this.trail = Math.min(DEFAULT_TRAIL, model.facts.numFrames - 1);
       this.pictures.begin();

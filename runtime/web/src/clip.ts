@@ -8,6 +8,11 @@ const CACHE_BYTES = 128 * 2 ** 20;
 const LEAST_ROOM = 4;
 const AHEAD = 6;
 const AT_ONCE = 3;
+/** After which a frame that did not come is asked for again, if it is still wanted. */
+const LOST_MILLISECONDS = 2000;
+
+/** A frame that did not come now, but may come later. */
+export class LostError extends InputError {}
 
 /** What `site.json` beside the page says: `frames` are paths relative to the page. */
 export interface ClipRecord {
@@ -116,6 +121,7 @@ export class Clip {
       if (!this.closed) this.onFrame();
     } catch (error) {
       this.failed.add(frame); // said once
+      if (error instanceof LostError) setTimeout(() => this.failed.delete(frame), LOST_MILLISECONDS);
       this.onError(error instanceof Error ? error : new Error(String(error)));
     } finally {
       this.underway.delete(frame);

@@ -1,6 +1,6 @@
 /** What the user did, and nothing else: one content with one history. What follows from it, tracks above all, is derived. */
 
-import type { Drawing } from "./drawings";
+import { type Drawing, freeLabel } from "./drawings";
 import type { Place } from "./geometry";
 
 /** A query: the point seen at (x, y) of frame t. */
@@ -97,7 +97,7 @@ export class Document {
   /** A new layer, which is not there before a change puts it there. */
   newDrawing(kind: Drawing["kind"], on: Drawing["on"], given: Partial<Omit<Drawing, "id" | "kind" | "on">> = {}): Drawing {
     const id = ++this.lastDrawing;
-    const label = kind === "mask" ? 1 + Math.max(0, ...this.drawings.map((each) => each.label)) : 0;
+    const label = kind === "mask" ? freeLabel(this.drawings.map((each) => each.label)) : 0;
     return { id, name: `${kind === "mask" ? "Mask" : "Layer"} ${id}`, kind, on, shown: true, colour: colourOf(id), label, marks: [], ...given };
   }
 

@@ -49,6 +49,13 @@ export interface Picture {
 /** The highest number of an object that label images of 8 bits hold. */
 export const MOST_LABEL = 255;
 
+/** A number for one more mask: the one after the highest of those `taken`, or where labels end there the lowest that is free. */
+export function freeLabel(taken: readonly number[]): number {
+  const next = 1 + Math.max(0, ...taken);
+  if (next <= MOST_LABEL) return next;
+  return Array.from({ length: MOST_LABEL }, (_, index) => index + 1).find((label) => !taken.includes(label)) ?? MOST_LABEL;
+}
+
 /** Drawn over frame t. */
 export type Mark = Stroke | Area | Lettering | Picture;
 

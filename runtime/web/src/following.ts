@@ -117,8 +117,9 @@ export class Following {
   mark(point: Followed, t: number, hidden: boolean): void {
     if (this.model === undefined) return;
     if (point.t === t) throw new InputError(`${point.name} was placed in frame ${t}: it is in sight there. Mark it in another frame.`);
-    const { xy } = point.track;
-    const shown = roundPlace(clampPlace({ x: xy[2 * t] ?? 0, y: xy[2 * t + 1] ?? 0 }, this.model.facts));
+    const [x = Number.NaN, y = Number.NaN] = point.track.xy.subarray(2 * t, 2 * t + 2);
+    if (Number.isNaN(x)) throw new InputError(`${point.name} is still being followed to frame ${t}; mark it in a moment.`);
+    const shown = roundPlace(clampPlace({ x, y }, this.model.facts));
     this.document.change((content) => corrected(content, { point: point.id, t, place: hidden ? null : shown }));
   }
 

@@ -3,7 +3,7 @@
 import { App } from "./app";
 import type { Files } from "./model/client";
 import { InputError } from "./model/facts";
-import { Refits, takeToken } from "./refit";
+import { Refits } from "./refit";
 import { readSite } from "./site";
 import { listenToFiles } from "./ui/files";
 import { listenToKeys } from "./ui/keys";
@@ -47,7 +47,7 @@ async function openSite(): Promise<void> {
   const site = readSite(await response.text());
   await app.openModel(site.model, beside);
   if (site.clip) app.openServedClip(site.clip);
-  if (site.refit) new RefitPanel(app, view, new Refits(takeToken()), beside);
+  if (site.refit) new RefitPanel(app, view, new Refits(), beside);
 }
 
 function whatIsLacking(): string | undefined {

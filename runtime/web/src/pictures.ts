@@ -1,6 +1,6 @@
 /** The pictures of frames: the clip's own, what the model renders, two of these side by side, and where it is unsure. */
 
-import { Clip, type ClipRecord } from "./clip";
+import { Clip, type ClipRecord, LostError } from "./clip";
 import type { Scene } from "./draw";
 import { HeatMaps, paintHeat } from "./heat";
 import { type Layer, LayerRenderer, type Raster, type Rendered } from "./layers";
@@ -62,7 +62,11 @@ export class Pictures {
   /** Shows the clip that `site.json` beside the page names. */
   openServed(record: ClipRecord): void {
     if (this.facts === undefined) return;
-    const load = async (frame: number): Promise<Blob> => (await fetch(record.frames[frame] ?? "")).blob();
+    const load = async (frame: number): Promise<Blob> => {
+      const response = await fetch(record.frames[frame] ?? "").catch(() => undefined);
+      if (!response?.ok) throw new LostError(`Frame ${frame} of the clip cannot be loaded from where the page lies; start 'decomo-view' again.`);
+      return response.blob();
+    };
     this.setClip(new Clip(record.frames.length, this.facts, load, () => this.onPicture(), this.onError));
   }
 

@@ -24,18 +24,27 @@ export interface RefitState {
   readonly file: string | null;
 }
 
-/** The token of the address, `#token=…`, taken out of it, or else the one that another tab of this server was given. */
+let taken = "";
+
+/**
+ * The token of the address, `#token=…`, taken out of it, or else the one that this or another tab of this server was given.
+ * `decomo-view` has another one after each start: what its page is told then, it uses.
+ */
 export function takeToken(): string {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (given === null) return localStorage.getItem(TOKEN_KEY) ?? "";
-  history.replaceState(null, "", location.pathname + location.search);
-  localStorage.setItem(TOKEN_KEY, given);
-  return given;
+  if (given !== null) {
+    history.replaceState(null, "", location.pathname + location.search);
+    taken = given;
+  }
+  try {
+    if (given !== null) localStorage.setItem(TOKEN_KEY, given);
+    return localStorage.getItem(TOKEN_KEY) ?? taken;
+  } catch {
+    return taken; // this browser keeps nothing for pages
+  }
 }
 
 export class Refits {
-  constructor(private readonly token: string) {}
-
   /** Begins one with the text of a corrections.csv. */
   begin(corrections: string): Promise<RefitState> {
     return this.ask("POST", "", corrections);
@@ -64,7 +73,7 @@ export class Refits {
   }
 
   private async ask(method: "GET" | "POST", path: string, body?: string): Promise<RefitState> {
-    const request = { method, headers: { [TOKEN_HEADER]: this.token }, ...(body === undefined ? {} : { body }) };
+    const request = { method, headers: { [TOKEN_HEADER]: takeToken() }, ...(body === undefined ? {} : { body }) };
     const response = await fetch(ADDRESS + path, request).catch(() => undefined);
     if (response === undefined) throw new InputError("decomo-view has ended, so nothing is refitted; start it again. What you did is still here to be saved.");
     if (response.status === 403) {

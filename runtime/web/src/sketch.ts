@@ -3,7 +3,7 @@
 import { encode } from "fast-png";
 import { Carrier } from "./carrier";
 import type { Document } from "./document";
-import { type Drawing, type Mark, type Owner, drawnFrames, marked, redrawn } from "./drawings";
+import { type Drawing, type Mark, type Owner, drawnFrames, freeLabel, marked, redrawn } from "./drawings";
 import type { Model } from "./model/client";
 import { InputError } from "./model/facts";
 import { base64, blank, keepDecoded, scaleFor } from "./marks";
@@ -116,10 +116,19 @@ export class Sketch {
     this.document.change((content) => marked(content, drawing, []));
   }
 
-  /** Adds the layers of a project on top. */
+  /** Adds the layers of a project on top; a mask whose number one that is there has gets another. */
   open(drawings: readonly Omit<Drawing, "id">[]): void {
     if (drawings.length === 0) return;
-    const added = drawings.map((each) => this.document.newDrawing(each.kind, each.on, each));
+    const masks = (all: readonly Omit<Drawing, "id">[]): number[] => all.filter(({ kind }) => kind === "mask").map(({ label }) => label);
+    const there = masks(this.document.drawings);
+    const taken = [...there, ...masks(drawings)];
+    const labelOf = ({ kind, label }: Omit<Drawing, "id">): number => {
+      if (kind !== "mask" || !there.includes(label)) return label;
+      const free = freeLabel(taken);
+      taken.push(free);
+      return free;
+    };
+    const added = drawings.map((each) => this.document.newDrawing(each.kind, each.on, { ...each, label: labelOf(each) }));
     this.document.change((content) => ({ ...content, drawings: [...content.drawings, ...added] }));
   }
 

@@ -1,6 +1,6 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
 
-import { Clip } from "../src/clip";
+import { Clip, LostError } from "../src/clip";
 import type { ModelFacts } from "../src/model/facts";
 
 const SIDE = 4096;
@@ -110,5 +110,29 @@ describe("frames of a clip", () => {
     }
     expect([...asked].sort()).toEqual([0, 1, 2]);
     expect(said).toEqual(["Frame 1 of the clip does not decode as an image; replace it."]);
+  });
+
+  it("are asked for again where they did not come, and said to be lost", async () => {
+    vi.useFakeTimers();
+    vi.stubGlobal("createImageBitmap", async () => ({ width: 8, height: 4, close: () => undefined }));
+    const facts = { clipName: "slide", numFrames: 1, width: 8, height: 4 } as ModelFacts;
+    const said: string[] = [];
+    let isThere = false;
+    const load = async (): Promise<Blob> => {
+      if (!isThere) throw new LostError("Frame 0 cannot be loaded.");
+      return new Blob();
+    };
+    const clip = new Clip(1, facts, load, () => undefined, ({ message }) => said.push(message));
+    clip.get(0);
+    await vi.advanceTimersByTimeAsync(100);
+    clip.get(0);
+    await vi.advanceTimersByTimeAsync(100);
+    expect(said).toEqual(["Frame 0 cannot be loaded."]); // once
+    isThere = true;
+    await vi.advanceTimersByTimeAsync(3000);
+    clip.get(0);
+    await vi.advanceTimersByTimeAsync(100);
+    expect(clip.peek(0)).toBeDefined();
+    vi.useRealTimers();
   });
 });

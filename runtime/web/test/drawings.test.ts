@@ -3,7 +3,10 @@ import { encode } from "fast-png";
 import { describe, expect, it } from "vitest";
 import { Document } from "../src/document";
 import { type Mark, drawnFrames, marked, redrawn, reordered, withoutDrawing } from "../src/drawings";
+import { drawingsRecord, readDrawings } from "../src/files/drawings";
 import { frameInName, labelPng, readLabels } from "../src/files/labels";
+import { Sketch } from "../src/sketch";
+import { Pen } from "../src/ui/pen";
 
 const LABEL_PNGS: { what: string; png: string; labels: number[][] | null }[] = JSON.parse(
   readFileSync(new URL("../../../tests/recorded/label_pngs.json", import.meta.url), "utf8"),
@@ -41,12 +44,52 @@ describe("layers in the document", () => {
     expect(document.drawings.map(({ id }) => id)).toEqual([a.id]);
   });
 
+  it("numbers masks within what label images hold", () => {
+    const document = new Document();
+    for (const label of [255, 1, 3]) document.change((content) => marked(content, { ...document.newDrawing("mask", "seen"), label }, []));
+    expect(document.newDrawing("mask", "seen").label).toBe(2);
+  });
+
+  it("gives masks of a project numbers of their own", () => {
+    const document = new Document();
+    const sketch = new Sketch(document, () => undefined, () => undefined);
+    sketch.open([document.newDrawing("paint", "seen"), { ...document.newDrawing("mask", "seen"), label: 2 }]);
+    sketch.open([{ ...document.newDrawing("mask", "seen"), label: 2 }, { ...document.newDrawing("mask", "seen"), label: 3 }]);
+    expect(document.drawings.map(({ label }) => label)).toEqual([0, 2, 4, 3]);
+  });
+
   it("numbers masks by the highest that is there", () => {
     const document = new Document();
     document.change((content) => marked(content, { ...document.newDrawing("mask", "seen"), label: 7 }, [mark(9), mark(2), mark(9)]));
     expect(document.newDrawing("mask", "seen").label).toBe(8);
     expect(document.newDrawing("paint", "seen").label).toBe(0);
     expect(document.drawings.map(drawnFrames)).toEqual([[2, 9]]);
+  });
+});
+
+describe("drawings in a project", () => {
+  const project = (drawings: unknown): Uint8Array => new TextEncoder().encode(JSON.stringify({ drawings }));
+
+  it("come back as they were drawn, whatever their size and number", () => {
+    const marks: Mark[] = [];
+    const pen = new Pen({ onBegin: () => undefined, onDraft: () => undefined, onMark: (mark) => marks.push(mark) });
+    Object.assign(pen, { size: 999, text: "far", picture: { width: 4000, height: 2, source: "AAAA" } });
+    for (const tool of ["brush", "text", "picture"] as const) {
+      pen.tool = tool;
+      pen.press({ x: 1, y: 1 }, 0.5, 2);
+      pen.go({ x: 4, y: 8 }, 0.5);
+      pen.lift({ x: 4, y: 8 }, 1);
+    }
+    expect(marks.map(({ kind }) => kind)).toEqual(["stroke", "text", "picture"]);
+    const document = new Document();
+    for (let layer = 0; layer < 300; layer++) document.change((content) => marked(content, document.newDrawing("paint", "seen"), marks));
+    const read = readDrawings("p.json", project(drawingsRecord(document.drawings)), { numFrames: 3 });
+    expect(read).toEqual(document.drawings.map(({ id: _, ...drawing }) => drawing));
+  });
+
+  it.each([0, 1.5, 256, Number.NaN])("are refused with a mask of the number %d", (label) => {
+    const mask = { ...new Document().newDrawing("mask", "seen"), label };
+    expect(() => readDrawings("p.json", project([mask]), { numFrames: 3 })).toThrow("p.json, drawing 0 (counted from 0), is damaged");
   });
 });
 

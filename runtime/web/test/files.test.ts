@@ -91,6 +91,17 @@ describe("files of points", () => {
     expect(() => readPoints("p.csv", many, FACTS)).toThrow("p.csv holds 2001 points, more than the 2000 that this page takes");
   });
 
+  it("opens a project of all points that it held", () => {
+    const [point] = POINTS;
+    const project = projectJson(Array.from({ length: 2001 }, () => point ?? POINTS[1]!), FACTS);
+    expect(readPoints("p.json", bytes(project), FACTS)).toHaveLength(2001);
+  });
+
+  it("takes a byte order mark, as spreadsheets write it", () => {
+    expect(readPoints("p.csv", bytes("\ufefft;x;y\r\n1;2.5;3\r\n"), FACTS)).toEqual([{ t: 1, x: 2.5, y: 3 }]);
+    expect(readPoints("p.json", bytes(`\ufeff${projectJson(POINTS, FACTS)}`), FACTS)).toEqual(DRAFTS);
+  });
+
   it("takes columns in any order, and Windows' line ends", () => {
     expect(readPoints("p.csv", bytes("x,Y,note,t\r\n1,2,hm,0\r\n\r\n3,4,,1\r\n"), FACTS)).toEqual([
       { t: 0, x: 1, y: 2 },

@@ -77,13 +77,12 @@ export function masksZip(drawings: readonly Drawing[], sketch: Sketch, facts: Mo
 export const drawingsRecord = (drawings: readonly Drawing[]): unknown => drawings.map(({ id: _, ...drawing }) => drawing);
 
 /** The drawings of a project; `InputError` where they are not what this page writes. */
-export function readDrawings(name: string, bytes: Uint8Array, { numFrames, width, height }: ModelFacts): Omit<Drawing, "id">[] {
+export function readDrawings(name: string, bytes: Uint8Array, { numFrames }: Pick<ModelFacts, "numFrames">): Omit<Drawing, "id">[] {
   const { drawings = [] } = JSON.parse(new TextDecoder().decode(bytes)) as { drawings?: unknown };
-  const longer = 4 * Math.max(width, height);
   const refuse = (where: string): never => {
     throw new InputError(`${name}, drawing ${where}, is damaged; write it with this page.`);
   };
-  const number = (value: unknown, where: string, least = -longer, most = longer): number =>
+  const number = (value: unknown, where: string, least = -FARTHEST, most = FARTHEST): number =>
     typeof value === "number" && value >= least && value <= most ? value : refuse(where);
   const list = (value: unknown, where: string, most: number): Record<string, unknown>[] =>
     Array.isArray(value) && value.length <= most && value.every((each) => typeof each === "object" && each !== null) ? value : refuse(where);
@@ -119,13 +118,17 @@ export function readDrawings(name: string, bytes: Uint8Array, { numFrames, width
     const kind = read.kind === "mask" || read.kind === "paint" ? read.kind : refuse(where);
     const marks = list(read.marks, where, MOST_MARKS).map((each) => mark(each, where));
     if (kind === "paint" && new Set(marks.map(({ t }) => t)).size > 1) refuse(where);
-    const label = number(read.label, where, 0, MOST_LABEL);
+    const label = number(read.label, where, kind === "mask" ? 1 : 0, MOST_LABEL);
+    if (!Number.isInteger(label)) refuse(where);
     const colour = colourOf(read.colour, () => refuse(where));
     return { name: words(read.name, where, 80), kind, on, shown: read.shown === true, colour, label, marks };
   });
 }
 
-const MOST_DRAWINGS = 255;
+/** Pixels of the clip: places and sizes may lie outside of its frames, as those of a long picture drawn high. */
+const FARTHEST = 1e6;
+/** A layer of paint is over one frame. */
+const MOST_DRAWINGS = 10_000;
 const MOST_MARKS = 20_000;
 const MOST_PLACES = 100_000;
 const MOST_LETTERS = 400;

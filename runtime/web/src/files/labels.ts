@@ -49,25 +49,29 @@ export function frameInName(name: string, numFrames: number): NamedFrame | undef
 export const labelPng = ({ width, height }: Size, labels: Uint8Array): Uint8Array => encode({ width, height, data: labels, channels: 1, depth: 8 });
 
 /** One value for each pixel, 0 where it is transparent; undefined where one that is not has a colour. */
-function greys({ data, depth, channels, width, height, palette }: DecodedPng): Uint8Array | Uint16Array | undefined {
-  if (depth < 8) return unpacked(data, depth, { width, height }, palette ? 1 : 255 / (2 ** depth - 1));
+function greys({ data, depth, channels, width, height, palette, transparency = new Uint16Array() }: DecodedPng): Uint8Array | Uint16Array | undefined {
+  const values = depth < 8 ? unpacked(data, depth, { width, height }) : data;
   const labels = data instanceof Uint16Array ? new Uint16Array(width * height) : new Uint8Array(width * height);
+  const scale = depth < 8 && !palette ? 255 / (2 ** depth - 1) : 1;
   const [hasColours, hasAlpha] = [channels > 2, channels % 2 === 0];
   for (let pixel = 0; pixel < labels.length; pixel++) {
     const at = channels * pixel;
-    if (hasAlpha && data[at + channels - 1] === 0) continue;
-    if (hasColours && (data[at + 1] !== data[at] || data[at + 2] !== data[at])) return undefined;
-    labels[pixel] = data[at] ?? 0;
+    const value = values[at] ?? 0;
+    if (hasAlpha && values[at + channels - 1] === 0) continue;
+    if (transparency.length > 0 && transparency.every((each, channel) => each === values[at + channel])) continue;
+    if (palette?.[value]?.[3] === 0) continue;
+    if (hasColours && (values[at + 1] !== value || values[at + 2] !== value)) return undefined;
+    labels[pixel] = scale * value;
   }
   return labels;
 }
 
 /** Values of less than 8 bits, several in a byte; rows begin with a byte. */
-function unpacked(data: DecodedPng["data"], depth: number, { width, height }: Size, scale: number): Uint8Array {
+function unpacked(data: DecodedPng["data"], depth: number, { width, height }: Size): Uint8Array {
   const [perByte, stride] = [8 / depth, Math.ceil((width * depth) / 8)];
   return Uint8Array.from({ length: width * height }, (_, index) => {
     const [row, column] = [Math.floor(index / width), index % width];
     const byte = data[row * stride + Math.floor(column / perByte)] ?? 0;
-    return scale * ((byte >> (8 - depth * (1 + (column % perByte)))) & (2 ** depth - 1));
+    return (byte >> (8 - depth * (1 + (column % perByte)))) & (2 ** depth - 1);
   });
 }

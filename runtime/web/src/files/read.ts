@@ -9,6 +9,8 @@ import { CORRECTION_FIELDS, JSON_FORMAT, JSON_VERSION } from "./write";
 
 /** Each is a row of the list and a trail in every picture. */
 const MOST_POINTS = 2000;
+/** Of a project: what the page holds it opens again. */
+const MOST_OF_PROJECT = 20_000;
 
 /** The points of a .csv, .json or .npz file; `InputError` says what is wrong and where. */
 export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): Draft[] {
@@ -16,8 +18,9 @@ export function readPoints(name: string, bytes: Uint8Array, facts: ModelFacts): 
   const read = { ".csv": readCsv, ".json": readJson, ".npz": readNpz }[suffix];
   if (read === undefined) throw new InputError(`${name} is nothing that this page opens; give a model (.onnx), frames (.jpg, .png) or points (.csv, .json, .npz).`);
   const drafts = read(bytes, name, facts);
-  if (drafts.length > MOST_POINTS) {
-    throw new InputError(`${name} holds ${drafts.length} points, more than the ${MOST_POINTS} that this page takes at once; ask decomo-track for them.`);
+  const most = suffix === ".json" ? MOST_OF_PROJECT : MOST_POINTS;
+  if (drafts.length > most) {
+    throw new InputError(`${name} holds ${drafts.length} points, more than the ${most} that this page takes at once; ask decomo-track for them.`);
   }
   drafts.forEach((draft, row) => {
     const where = `${name}, point ${row} (counted from 0)`;

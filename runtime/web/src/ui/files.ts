@@ -17,6 +17,8 @@ const FRAME = /^[^.].*\.(jpe?g|png)$/is;
 const MODEL = /\.onnx$/i;
 const VIDEOS = /\.(mp4|mov|mkv|webm|avi|m4v)$/i;
 
+const UNSAVED = "Your points, corrections and drawings go with the model that is open. Open another one all the same? (Project, under Save, keeps them.)";
+
 export function listenToFiles(app: App, view: View): void {
   const input = element("files", HTMLInputElement);
   element("open", HTMLButtonElement).addEventListener("click", () => input.click());
@@ -82,8 +84,13 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     throw new InputError(`These are ${models.length} models without their ${WINDOWS_FILE}; give one, or a whole model folder.`);
   }
   const model = windows ?? models[0];
+  if (model && app.document.isUnsaved && !confirm(UNSAVED)) return;
   if (model) await app.openModel(model.name, named([model, ...models]));
-  if (images.length > 0) await app.openFrames(images);
+  const [image] = images;
+  if (image && images.length === 1 && (app.model?.facts.numFrames ?? 1) > 1) {
+    throw new InputError(`${image.name} is one image, and a clip is all its frames; open them at once, or a mask with 'Load mask…'.`);
+  }
+  if (image) await app.openFrames(images);
   for (const file of others) {
     if (VIDEOS.test(file.name)) {
       throw new InputError(`${file.name} is a video; give its frames as images, or start 'decomo-view' with --clip ${file.name}.`);
@@ -93,6 +100,7 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     const bytes = new Uint8Array(await file.arrayBuffer());
     const points = readPoints(file.name, bytes, facts);
     const drawings = /\.json$/i.test(file.name) ? readDrawings(file.name, bytes, facts) : [];
+    if (points.length + drawings.length === 0) throw new InputError(`${file.name} holds no points, and nothing that is drawn.`);
     const wasUnsaved = app.document.isUnsaved;
     await app.addPoints(points);
     app.sketch.open(drawings);

@@ -5,18 +5,21 @@ import { LAYERS } from "../layers";
 import { element } from "./dom";
 import type { View } from "./view";
 
+/** What the space bar presses, opens or ticks. */
+const PRESSED = "button, summary, a, input[type=checkbox], input[type=color], input[type=radio]:not(:checked)";
+
 export function listenToKeys(app: App, view: View): void {
   document.addEventListener("keydown", (event) => {
     const target = event.target instanceof Element ? event.target : document.body;
     if (event.defaultPrevented || target.closest("input[type=text], input[type=number], select, dialog")) return;
-    const action = actionOf(event, app, target.closest("input") !== null, target.closest("button") !== null);
+    const action = actionOf(event, app, target.closest("input") !== null, target.closest(PRESSED) !== null);
     if (action === undefined) return;
     event.preventDefault();
     view.attempt(Promise.resolve().then(action));
   });
 }
 
-function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: boolean): (() => void) | undefined {
+function actionOf(event: KeyboardEvent, app: App, onInput: boolean, isPressed: boolean): (() => void) | undefined {
   if (event.altKey) return undefined;
   if (event.ctrlKey || event.metaKey) {
     const key = event.key.toLowerCase();
@@ -25,7 +28,7 @@ function actionOf(event: KeyboardEvent, app: App, onInput: boolean, onButton: bo
   }
   const layer = LAYERS[Number(event.key) - 1];
   if (layer !== undefined) return () => app.showLayer(layer);
-  if (event.key === " ") return onButton ? undefined : () => event.repeat || app.player.toggle();
+  if (event.key === " ") return isPressed ? undefined : () => event.repeat || app.player.toggle();
   if (event.key === ",") return () => app.player.step(-1);
   if (event.key === ".") return () => app.player.step(1);
   if (event.key === "?") return () => element("keys", HTMLDialogElement).showModal();

@@ -105,7 +105,7 @@ export class PointRows {
       swatch.value = colour;
       swatch.ariaLabel = `Colour of ${name}`;
       remove.ariaLabel = `Delete ${name}`;
-      strip.ariaLabel = [describe(track), ...given.map(({ t }) => `given in frame ${t}`)].join(", ");
+      strip.ariaLabel = `${name}: ${[describe(track), ...given.map(({ t }) => `given in frame ${t}`)].join(", ")}`;
       strip.replaceChildren(...given.map(({ t }) => mark(t, numFrames)), needle);
     };
     return { item, strip, needle, refresh };

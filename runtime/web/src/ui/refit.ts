@@ -12,6 +12,8 @@ export class RefitPanel {
   private state: RefitState | undefined;
   /** While the new model is being opened nothing is asked of it. */
   private opening = false;
+  /** While `decomo-view` has not answered to a click. */
+  private asking = false;
   /** States are shown one after the other. */
   private turn: Promise<void> = Promise.resolve();
   private readonly button = element("refit-begin", HTMLButtonElement);
@@ -29,7 +31,11 @@ export class RefitPanel {
       return shown;
     };
     const onClick = (id: string, action: () => Promise<RefitState>): void =>
-      element(id, HTMLButtonElement).addEventListener("click", () => view.attempt(action().then(inTurn)));
+      element(id, HTMLButtonElement).addEventListener("click", () => {
+        if (this.asking) return; // a second click, of a double one
+        this.asking = true;
+        view.attempt(action().finally(() => (this.asking = false)).then(inTurn));
+      });
     onClick("refit-begin", () => refits.begin(correctionsCsv(app.document.content)));
     onClick("refit-cancel", () => refits.cancel());
     onClick("refit-take", () => refits.decide("take", this.state?.number ?? 0));
@@ -78,12 +84,21 @@ export class RefitPanel {
     return this.app.files === this.files;
   }
 
+  /** What a refit does, or why there can be none now. */
+  private why(corrections: number): string {
+    if (!this.isServed) return "Another model is open: only the one that decomo-view was started with is refitted.";
+    if (corrections === 0) return "Correct a track first: a refit teaches the model what you say, in a minute or two, and its neighbours move along.";
+    return "Teaches the model what you say, in a minute or two; neighbours move along. Then you compare, and take the new model or not.";
+  }
+
   /** What follows from the document and the candidate. */
   private showContent(): void {
     const { app, state } = this;
     const busy = state === undefined || state.state === "running" || state.state === "finished";
     this.button.disabled = busy || !this.isServed || app.document.corrections.length === 0;
-    element("refit-why", HTMLParagraphElement).hidden = busy || app.document.corrections.length > 0;
+    const why = element("refit-why", HTMLParagraphElement);
+    why.hidden = busy;
+    why.textContent = this.why(app.document.corrections.length);
     element("refit-verdict", HTMLDivElement).hidden = state?.state !== "finished" || this.opening || !this.isServed;
     element(`side-${app.comparison.side}`, HTMLInputElement).checked = true;
     element("refit-figures", HTMLParagraphElement).textContent = app.comparison.candidate ? figures(app) : "";

@@ -4,9 +4,10 @@ import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
 import type { Pen } from "./pen";
 
-/** Pixels of the screen by which a press becomes a drag: of an area, and of a point. */
-const DRAG_PIXELS = { area: 6, point: 2 };
-const SELECT_PIXELS = 9;
+/** Pixels of the screen: by which a press becomes a drag of an area, or of a point, and within which a point is meant. */
+const NEAR = { area: 6, point: 2, select: 9 };
+/** The same for a finger, which hides what it points at and is never still. */
+const NEAR_FINGER = { area: 12, point: 9, select: 20 };
 /** How hard a mouse presses, and the keys. */
 const PRESSURE = 0.5;
 
@@ -38,6 +39,7 @@ export class Stage {
   /** The point that is dragged, or that a click or the cross places. */
   private held: number | undefined;
   private placing = false;
+  private near = NEAR;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -49,7 +51,7 @@ export class Stage {
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onUp(event));
-    canvas.addEventListener("pointercancel", () => this.abandon());
+    canvas.addEventListener("pointercancel", (event) => event.isPrimary && this.abandon());
     canvas.addEventListener("keydown", (event) => this.onKey(event));
     canvas.addEventListener("focus", () => this.showCross(canvas.matches(":focus-visible")));
     canvas.addEventListener("blur", () => this.showCross(false));
@@ -79,7 +81,8 @@ export class Stage {
     const { points = [], selected, frame = 0 } = this.scene ?? {};
     const point = points.find(({ id }) => id === selected);
     if (point === undefined) return;
-    this.cross = roundPlace(clampPlace({ x: point.track.xy[2 * frame] ?? 0, y: point.track.xy[2 * frame + 1] ?? 0 }, this.image));
+    const [x = Number.NaN, y = Number.NaN] = point.track.xy.subarray(2 * frame, 2 * frame + 2);
+    this.cross = Number.isNaN(x) ? this.centre() : roundPlace(clampPlace({ x, y }, this.image)); // it may not be followed there yet
     this.corner = undefined;
     this.hold(point.id, true);
     this.draw();
@@ -145,7 +148,7 @@ export class Stage {
   private isDrag(): boolean {
     const first = this.path[0];
     const scale = this.canvas.clientWidth / this.image.width;
-    const least = this.held === undefined ? DRAG_PIXELS.area : DRAG_PIXELS.point;
+    const least = this.held === undefined ? this.near.area : this.near.point;
     return first !== undefined && this.path.some(({ x, y }) => Math.hypot(x - first.x, y - first.y) * scale > least);
   }
 
@@ -162,7 +165,8 @@ export class Stage {
   }
 
   private onDown(event: PointerEvent): void {
-    if (event.button !== 0) return;
+    if (event.button !== 0 || !event.isPrimary) return; // of two fingers the first
+    this.near = event.pointerType === "touch" ? NEAR_FINGER : NEAR;
     this.canvas.setPointerCapture(event.pointerId);
     if (this.pen.isOut) {
       this.showCross(false);
@@ -179,6 +183,7 @@ export class Stage {
   }
 
   private onMove(event: PointerEvent): void {
+    if (!event.isPrimary) return;
     if (this.pen.isOut) {
       this.canvas.style.cursor = "";
       const all = event.getCoalescedEvents?.() ?? [];
@@ -195,8 +200,9 @@ export class Stage {
   }
 
   private onUp(event: PointerEvent): void {
+    if (!event.isPrimary) return;
     if (this.pen.isOut) {
-      this.pen.lift(this.placeOf(event), SELECT_PIXELS / this.zoom());
+      this.pen.lift(this.placeOf(event), this.near.select / this.zoom());
       return;
     }
     const [first, last, area, seen, held] = [this.path[0], this.placeOf(event), this.outline(), this.seen, this.held];
@@ -239,14 +245,17 @@ export class Stage {
         const [dx, dy] = [(track.xy[2 * frame] ?? 0) - place.x, (track.xy[2 * frame + 1] ?? 0) - place.y];
         return { id, distance: Math.hypot(dx, dy) * scale };
       })
-      .filter(({ distance }) => distance < SELECT_PIXELS)
+      .filter(({ distance }) => distance < this.near.select)
       .sort((a, b) => a.distance - b.distance);
     return near[0]?.id;
   }
 
+  private centre(): Place {
+    return { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
+  }
+
   private showCross(shown: boolean): void {
-    const centre = { x: Math.floor(this.image.width / 2), y: Math.floor(this.image.height / 2) };
-    this.cross = shown ? (this.cross ?? centre) : undefined;
+    this.cross = shown ? (this.cross ?? this.centre()) : undefined;
     if (!shown) this.corner = undefined;
     if (!shown && this.path.length === 0) this.letGo(); // a drag goes on: its first press moves the focus here
     this.draw();

@@ -11,6 +11,8 @@ import { type Pen, TOOLS, type Tool } from "./pen";
 
 /** Of a picture's file: it goes into the project. */
 const MOST_BYTES = 16 * 2 ** 20;
+/** As in the page: of lines and letters, in pixels of the clip. */
+const MOST_SIZE = 999;
 
 const HINTS: Readonly<Record<Tool, string>> = {
   points: "Click a pixel to follow it; drag an area for many points; drag a point to where it belongs.",
@@ -50,7 +52,7 @@ export class Tools {
       element("tools", HTMLFieldSetElement).append(make("label", {}, radio, make("span", {}, `${tool[0]?.toUpperCase()}${tool.slice(1)}`)));
     }
     this.colour.addEventListener("input", () => (pen.colour = this.colour.value));
-    this.size.addEventListener("input", () => (pen.size = Math.max(1, this.size.valueAsNumber || 1)));
+    this.size.addEventListener("input", () => (pen.size = Math.min(MOST_SIZE, Math.max(1, this.size.valueAsNumber || 1))));
     this.text.addEventListener("input", () => (pen.text = this.text.value));
     this.choose(pen.tool);
   }

@@ -16,6 +16,14 @@ import { Stage } from "./stage";
 import { Tools } from "./tools";
 
 const NO_SPLIT = "nothing";
+const WHAT_IT_SHOWS: Readonly<Record<Layer, string>> = {
+  clip: "The clip's own frames",
+  fused: "What the model renders: the scene and what moves, together",
+  static: "The scene alone, as the model has it; chequered where it was never seen",
+  dynamic: "What moves alone, as the model has it",
+  mask: "White moves",
+  depth: "White is near; the model's own measure, not metres",
+};
 /** As in the style sheet. */
 const SMALL = "(max-width: 56rem)";
 const PLACING = "Click where the point belongs in this frame, or move the cross there and press Enter; Escape gives up.";
@@ -65,7 +73,7 @@ export class View {
       const button = make("input", { type: "radio", name: "layer", value: layer, disabled: true });
       this.layerButtons.set(layer, button);
       const title = layer[0]?.toUpperCase() + layer.slice(1);
-      element("layers", HTMLFieldSetElement).append(make("label", {}, button, make("span", {}, title)));
+      element("layers", HTMLFieldSetElement).append(make("label", { title: WHAT_IT_SHOWS[layer] }, button, make("span", {}, title)));
     }
     const small = matchMedia(SMALL);
     const fold = (): boolean => (element("looks", HTMLDetailsElement).open = !small.matches);
@@ -199,6 +207,7 @@ export class View {
     for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=points]")) button.disabled = count === 0;
     element("correction-count", HTMLSpanElement).textContent = String(corrections.length);
     element("no-corrections", HTMLParagraphElement).hidden = corrections.length > 0;
+    element("no-refit", HTMLParagraphElement).hidden = corrections.length === 0 || !element("refit", HTMLDivElement).hidden;
     for (const id of ["clear-corrections", "save-corrections"]) element(id, HTMLButtonElement).disabled = corrections.length === 0;
     for (const id of ["place", "mark-hidden", "mark-seen"]) element(id, HTMLButtonElement).disabled = selected === undefined;
   }
