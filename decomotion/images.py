@@ -5,14 +5,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.floating]
-Picture = TypeVar("Picture", bound=npt.NDArray[Any])
 
 PIXELS_PER_BYTE = 8 * 1032
 """Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
@@ -133,7 +132,7 @@ def _orientation(exif: bytes) -> int | None:
     return 1
 
 
-def as_shown(picture: Picture, content: bytes) -> Picture:
+def as_shown(picture: npt.NDArray[Any], content: bytes) -> npt.NDArray[Any]:
     """The picture [H, W, ...] of a plausible file as it is to be shown, where that is a PNG with an orientation."""
     place = next((place for kind, place in _chunks(content) if kind == b"eXIf"), None) if content[:4] == PNG else None
     if place is None:
