@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 MARKED = 4
 """Every so many rows of a picture make up its mark."""
+AVI = "avi"
+"""A container without times: each frame has a place, which may be empty, and stays to be shown."""
 UNKNOWN_KINDS = 16
 """Kinds of data beside a frame that FFmpeg may know and PyAV not yet."""
 
@@ -36,7 +39,7 @@ def decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterato
     """
     from av.error import FFmpegError
 
-    failure = None
+    failure, shown = None, partial(_seconds, in_order=container.format.name == AVI)
     try:
         for packet in container.demux(stream):
             if packet.size:
@@ -45,13 +48,13 @@ def decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterato
                 frames = packet.decode()
             except FFmpegError as error:
                 failure = failure or error
-                met.losses.append(Loss(len(met.times), _seconds(packet)))
+                met.losses.append(Loss(len(met.times), shown(packet)))
                 continue
             for frame in frames:
                 if frame.is_corrupt:
-                    met.losses.append(Loss(len(met.times), frame.time))
+                    met.losses.append(Loss(len(met.times), shown(frame)))
                 else:
-                    met.times.append(frame.time)
+                    met.times.append(shown(frame))
                     met.keys.append(frame.key_frame)
                     yield frame
     except FFmpegError as error:  # the file ends here: for ffmpeg too
@@ -61,8 +64,10 @@ def decoded(container: InputContainer, stream: VideoStream, met: Met) -> Iterato
     met.ended = True
 
 
-def _seconds(packet: Packet) -> float | None:
-    return None if packet.pts is None else float(packet.pts * packet.time_base)
+def _seconds(of: Packet | VideoFrame, in_order: bool) -> float | None:
+    """When it is shown; of a file that has but an order to decode in, when it is decoded."""
+    time = of.dts if in_order else of.pts
+    return None if time is None or of.time_base is None else float(time * of.time_base)
 
 
 def mark(frame: VideoFrame) -> int:
@@ -70,10 +75,14 @@ def mark(frame: VideoFrame) -> int:
     if frame.planes[0].line_size < 0:  # from the lowest row up, as in old AVIs, which leads out of PyAV's buffer
         frame = frame.reformat(format="gray")
     plane, form = frame.planes[0], frame.format
-    bits = form.components[0].bits if form.is_planar else form.padded_bits_per_pixel
+    if form.is_planar:
+        columns = plane.width * -(-form.components[0].bits // 8)
+    else:  # some have several pixels in a byte; what is behind a row differs each time
+        columns = -(-plane.width * form.padded_bits_per_pixel // 8)
     content = np.frombuffer(memoryview(plane), np.uint8)
     rows = content[: plane.height * plane.line_size].reshape(plane.height, plane.line_size)
-    return zlib.crc32(rows[::MARKED, : plane.width * -(-bits // 8)].tobytes())
+    colours = bytes(frame.planes[1]) if form.has_palette else b""  # which are not with every key frame
+    return zlib.crc32(rows[::MARKED, :columns].tobytes() + colours)
 
 
 def _with_known_data(frame: VideoFrame) -> VideoFrame:

@@ -19,7 +19,7 @@ from decomotion.frame_gaps import OTHER_SUFFIXES, check_kinds
 from decomotion.frame_order import frame_order
 from decomotion.frames import READING, Frames, Image, Source
 from decomotion.greys import SIDE, Grey, shrunk, size_of_grey
-from decomotion.images import Header, header, plausible, transparent_grey
+from decomotion.images import Header, as_shown, header, plausible, transparent_grey
 from decomotion.source_file import SourceFile
 
 log = logging.getLogger(__name__)
@@ -169,7 +169,8 @@ def _decoded_picture(content: bytes, flags: int) -> AnyDepth | None:
         return None
     if frame is None or frame.dtype not in (np.uint8, np.uint16):  # files of floats, whatever their suffix
         return None
-    return cast(AnyDepth, frame)
+    unchanged = flags == cv2.IMREAD_UNCHANGED  # by which OpenCV leaves it lying as it is
+    return cast(AnyDepth, np.ascontiguousarray(as_shown(frame, content)) if unchanged else frame)
 
 
 def decode_mask(content: bytes, suffix: str) -> npt.NDArray[np.bool_] | None:
@@ -205,6 +206,8 @@ def _source(file: Path) -> SourceFile:
 
 def _content(file: Path) -> bytes:
     with _telling(file):
+        if not file.is_dir() and file.exists() and not file.is_file():
+            raise ClipError(f"frame {file} is a pipe or a device; replace it or remove it")
         return file.read_bytes()
 
 

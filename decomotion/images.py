@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +17,10 @@ PIXELS_PER_BYTE = 8 * 1032
 """Deflate makes at most 1032 bytes of one, of at most 8 pixels each; a JPEG has at least a bit for 64 pixels."""
 HUFFMAN_FRAMES = (0xC0, 0xC1, 0xC2)
 """Markers of a JPEG's size where that holds."""
-EXIF, ORIENTATION, LAST_UPRIGHT = 0xE1, 0x112, 4
-"""Marker of EXIF in a JPEG, its tag of how the picture lies, and its last value that leaves height and width."""
+EXIF, ORIENTATION, SHORT = 0xE1, 0x112, 3
+"""Marker of EXIF in a JPEG, its tag of how the picture lies, and the kind of that number."""
+LAST_UPRIGHT, LAST_ORIENTATION = 4, 8
+"""The last value that leaves height and width, and the last of all."""
 PNG, GREY = b"\x89PNG", 0
 """How such a file begins, and its colour type of grey alone."""
 _ORDERS = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
@@ -98,28 +101,46 @@ def _header_of_png(content: bytes) -> Header | None:
 
 
 def _header_of_jpeg(content: bytes) -> Header | None:
-    turned = False
+    orientations: list[int | None] = []
     for marker, place in _segments(content):
         if marker == EXIF and content[place : place + 6] == b"Exif\0\0":
-            turned = turned or _orientation(content[place + 6 :]) > LAST_UPRIGHT
+            (length,) = struct.unpack_from(">H", content, place - 2)
+            orientations.append(_orientation(content[place + 6 : place - 2 + length]))
         if marker in HUFFMAN_FRAMES:
             bits, height, width = struct.unpack_from(">BHH", content, place)
             if bits != 8 or not height or content.rfind(b"\xff\xd9") < place:  # its end
                 return None
+            if len(orientations) > 1 or None in orientations:  # of which readers make what they will
+                return None
+            turned = max((each for each in orientations if each), default=1) > LAST_UPRIGHT
             return Header(width, height, bits) if turned else Header(height, width, bits)
     return None
 
 
-def _orientation(exif: bytes) -> int:
-    """What EXIF's first directory says of it, 1 to 8; 1 where it says nothing."""
-    order = "<" if exif[:2] == b"II" else ">"
-    (place,) = struct.unpack_from(f"{order}I", exif, 4)
-    (entries,) = struct.unpack_from(f"{order}H", exif, place)
-    for entry in range(place + 2, place + 2 + 12 * entries, 12):
-        tag, _, _, value = struct.unpack_from(f"{order}HHIH", exif, entry)
-        if tag == ORIENTATION:
-            return value
+def _orientation(exif: bytes) -> int | None:
+    """What EXIF's first directory says of it, 1 to 8, or 0 or 1 where it says nothing; None where it is damaged."""
+    try:
+        order = {b"II": "<", b"MM": ">"}[exif[:2]]
+        (place,) = struct.unpack_from(f"{order}I", exif, 4)
+        (entries,) = struct.unpack_from(f"{order}H", exif, place)
+        for entry in range(place + 2, place + 2 + 12 * entries, 12):
+            tag, kind, _, value = struct.unpack_from(f"{order}HHIH", exif, entry)
+            if tag == ORIENTATION:
+                return value if kind == SHORT and value <= LAST_ORIENTATION else None
+    except (struct.error, KeyError):
+        return None
     return 1
+
+
+def as_shown(picture: npt.NDArray[Any], content: bytes) -> npt.NDArray[Any]:
+    """The picture [H, W, ...] of a plausible file as it is to be shown, where that is a PNG with an orientation."""
+    place = next((place for kind, place in _chunks(content) if kind == b"eXIf"), None) if content[:4] == PNG else None
+    if place is None:
+        return picture
+    (length,) = struct.unpack_from(">I", content, place - 8)
+    orientation = _orientation(content[place : place + length]) or 1
+    turned = picture.swapaxes(0, 1) if orientation > LAST_UPRIGHT else picture
+    return turned[:: -1 if orientation in (3, 4, 7, 8) else 1, :: -1 if orientation in (2, 3, 6, 7) else 1]
 
 
 def _chunks(content: bytes) -> Iterator[tuple[bytes, int]]:
@@ -137,6 +158,9 @@ def _segments(content: bytes) -> Iterator[tuple[int, int]]:
     """The markers of a JPEG's segments before its picture, and where their content begins."""
     place = 2
     while content[place] == 0xFF:  # marker, length, content
+        if content[place + 1] == 0xFF:  # which may be put before a marker
+            place += 1
+            continue
         marker, length = struct.unpack_from(">xBH", content, place)
         yield marker, place + 4
         place += 2 + length

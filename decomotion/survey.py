@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FOLDER = "videos"
 """In the cache."""
-VERSION = 1
+VERSION = 2
 """Raised whenever the same file would give other frames or marks."""
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.decoding import decoded, stream_at
+from decomotion.decoding import AVI, decoded, stream_at
 from decomotion.errors import ClipError
 from decomotion.frames import Frames
 from decomotion.greys import GreyFile
@@ -132,8 +132,9 @@ def _surveyed(
         if survey.sizes[number] != survey.sizes[begin]:
             raise ClipError(f"{file.shown} changes its frame size on the way; bring all frames to one size")
         if greys is not None:
+            small = in_grey(frame, converter, survey.display)  # pixels that cannot be converted are no full disk
             try:
-                greys.add(in_grey(frame, converter, survey.display))
+                greys.add(small)
             except OSError:
                 greys = None
     return survey, greys
@@ -153,7 +154,7 @@ def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:
     """How many frames the file announces beyond its last."""
     announced = stream.frames if stream.average_rate == stream.guessed_rate or "mov" in container.format.name else 0
     if announced:
-        return max(0, announced - len(met.decode_times))
+        return max(0, announced - _reached(container, stream, met))
     times = [time for time in met.times if time is not None]
     duration = re.fullmatch(r"(\d+):(\d+):(\d+\.?\d*)", stream.metadata.get("DURATION", ""))  # Matroska's
     if duration is None or len(times) < 2:
@@ -163,10 +164,17 @@ def _unread(container: InputContainer, stream: VideoStream, met: Met) -> int:
     return round(missing / np.median(steps)) - 1 if missing > 1.5 * steps.max() else 0
 
 
+def _reached(container: InputContainer, stream: VideoStream, met: Met) -> int:
+    """How many of the announced frames were read; those of AVI that were left out on purpose count too."""
+    last = met.decode_times[-1] if met.decode_times else None
+    places = 0 if container.format.name != AVI or last is None else round(last * float(stream.average_rate or 0)) + 1
+    return max(len(met.decode_times), places)
+
+
 def _own_times(container: InputContainer, stream: VideoStream, met: Met) -> npt.NDArray[np.float64] | None:
     """Seconds of the frames as the file has them, strictly increasing; None where it does not say them."""
     times = np.array(met.times, np.float64)  # None becomes nan
-    told = container.format.name != "avi" or not stream.codec_context.has_b_frames  # AVI has but an order to decode in
+    told = container.format.name != AVI or not stream.codec_context.has_b_frames  # AVI has but an order to decode in
     return times if told and not np.isnan(times).any() and (np.diff(times) > 0).all() else None
 
 

@@ -100,3 +100,19 @@ def lowest_row_first(folder: Path) -> Path:
     path.write_bytes(content)
     np.testing.assert_array_equal(next(plainly_decoded(path)), upright[0][::-1])
     return path
+
+
+def by_a_palette(folder: Path) -> Path:
+    """Pictures whose colours stand in a palette, which AVI holds with the first of them and where it changes."""
+    frames, path = drifting(), folder / "film.avi"
+    with av.open(str(path), "w") as file:
+        stream = cast(VideoStream, file.add_stream("rawvideo", rate=25))
+        stream.height, stream.width, stream.pix_fmt = *frames.shape[1:3], "pal8"
+        for number, frame in enumerate(frames):
+            palette = np.full((256, 4), 255, np.uint8)
+            palette[:, 1] = np.arange(256)
+            palette[:, 2] = 40 if number < COUNT // 3 else 200
+            entries = np.ascontiguousarray(frame[..., 0])
+            file.mux(stream.encode(av.VideoFrame.from_ndarray((entries, palette), format="pal8")))  # pyright: ignore
+        file.mux(stream.encode())
+    return path

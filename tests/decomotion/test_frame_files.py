@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -12,6 +15,37 @@ import pytest
 from clip_files import flat_frames, shown_by_exif, turned_jpeg, write_images
 from decomotion.clip import read_clip
 from decomotion.errors import ClipError
+from decomotion.frame_files import decode_frame, decode_mask, decode_rgba
+
+LYING = (0x112, 3, 1, 6, 0)
+"""Tag, kind, count, value and what fills up of an orientation by a quarter turn."""
+DAMAGED_EXIF: dict[str, list[bytes]] = {
+    "another number": [struct.pack(">HHHIHH", 1, 0x112, 3, 1, 9, 0)],
+    "a kind of one byte": [struct.pack(">HHHIHH", 1, 0x112, 1, 1, 6 << 8, 0)],
+    "a kind of four bytes": [struct.pack(">HHHII", 1, 0x112, 4, 1, 6)],
+    "cut short": [struct.pack(">HHHI", 1, 0x112, 3, 1)],
+    "a directory without an end": [struct.pack(">H", 40)],
+    "no order of bytes": [struct.pack(">HHHIHH", 1, *LYING), b"XX"],
+    "twice": [struct.pack(">HHHIHH", 1, *LYING), b"MM", struct.pack(">HHHIHH", 1, 0x112, 3, 1, 1, 0)],
+    "twice, the other way round": [
+        struct.pack(">HHHIHH", 1, 0x112, 3, 1, 1, 0),
+        b"MM",
+        struct.pack(">HHHIHH", 1, *LYING),
+    ],
+}
+"""Its first directory, the order of bytes, and that of a second EXIF."""
+
+
+def with_exif(
+    frame: npt.NDArray[np.uint8], directory: bytes, order: bytes = b"MM", second: bytes | None = None
+) -> bytes:
+    """A JPEG of the frame [H, W, 3] with EXIF of those parts."""
+    content = cv2.imencode(".jpg", frame)[1].tobytes()
+    for each in (second, directory):
+        if each is not None:
+            exif = b"Exif\0\0" + order + b"\0*" + struct.pack(">I", 8) + each + bytes(4)
+            content = content[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + content[2:]
+    return content
 
 
 class TestFolder:
@@ -132,6 +166,52 @@ class TestFolder:
         shown = [shown_by_exif(frame, orientation) for frame in frames]
         # what JPEG loses on these; another orientation differs by 50 and more
         assert np.abs(np.asarray(read_clip(tmp_path).frames).astype(int) - shown).mean() < 8
+
+    @pytest.mark.parametrize("exif", DAMAGED_EXIF)
+    def test_exif_that_says_nothing_clear(self, exif: str, tmp_path: Path):
+        """Whether it turns the frame or not, the frame is as large as it was at the opening."""
+        for number in range(2):
+            (tmp_path / f"{number}.jpg").write_bytes(with_exif(flat_frames([90])[0], *DAMAGED_EXIF[exif]))
+        clip = read_clip(tmp_path)
+        assert clip.frames[1].shape == clip.frames.shape[1:]
+        assert sorted(clip.frames.shape[1:3]) == [16, 24]
+
+    @pytest.mark.parametrize("exif", ["another number", "a directory without an end"])
+    def test_exif_that_says_nothing_turns_nothing(self, exif: str, tmp_path: Path):
+        for number in range(2):
+            (tmp_path / f"{number}.jpg").write_bytes(with_exif(flat_frames([90])[0], *DAMAGED_EXIF[exif]))
+        assert read_clip(tmp_path).frames.shape == (2, 16, 24, 3)
+
+    def test_bytes_that_fill_up_before_a_marker(self, tmp_path: Path):
+        for number, frame in enumerate(flat_frames([90, 120])):
+            content = cv2.imencode(".jpg", frame)[1].tobytes()
+            (tmp_path / f"{number}.jpg").write_bytes(content[:2] + b"\xff\xff" + content[2:])
+        assert read_clip(tmp_path).frames[1].shape == (16, 24, 3)
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+    def test_a_pipe_among_frames_is_not_waited_for(self, tmp_path: Path):
+        write_images(tmp_path, ["0.png", "1.png"], flat_frames([1, 2]))
+        os.mkfifo(tmp_path / "2.png")
+        with pytest.raises(ClipError, match=r"frame .*2\.png is a pipe or a device; replace it"):
+            read_clip(tmp_path)
+
+
+class TestTransparent:
+    """Pictures with alpha lie as others do."""
+
+    @pytest.mark.parametrize("orientation", range(1, 9))
+    def test_turned_as_what_is_opaque(self, orientation: int):
+        picture = np.random.default_rng(0).integers(0, 256, (10, 14, 4), np.uint8)
+        picture[..., 3] = 255 * (picture[..., 3] > 90)
+        content = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA))[1].tobytes()
+        exif = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x112, 3, 1, orientation, 0, 0)
+        chunk = struct.pack(">I", len(exif)) + b"eXIf" + exif + struct.pack(">I", zlib.crc32(b"eXIf" + exif))
+        content = content[:33] + chunk + content[33:]  # behind the header
+        shown = shown_by_exif(picture, orientation)
+        colours, whole = decode_frame(content), decode_rgba(content)
+        np.testing.assert_array_equal(colours, shown[..., :3])
+        np.testing.assert_array_equal(whole, shown)
+        np.testing.assert_array_equal(decode_mask(content, ".png"), shown[..., 3] > 0)
 
 
 class TestDepth:

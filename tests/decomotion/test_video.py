@@ -67,6 +67,19 @@ class TestVideo:
         with pytest.raises(ClipError, match=r"film.mp4 is a pipe or a device, and a clip is read more than once"):
             read_clip(tmp_path / "film.mp4")
 
+    def test_pixels_that_cannot_be_converted(self, tmp_path: Path):
+        """Two to a byte, in a container that has them."""
+        with av.open(str(tmp_path / "film.nut"), "w") as file:
+            stream = file.add_stream("rawvideo", rate=12)
+            stream.height, stream.width, stream.pix_fmt = 10, 16, "rgb4"
+            for number in range(3):
+                packet = av.Packet(bytes([number]) * 80)
+                packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, 12), True
+                packet.pts = packet.dts = number
+                file.mux(packet)
+        with pytest.raises(ClipError, match=r"film\.nut does not decode as a video \(.+\); give"):
+            read_clip(tmp_path / "film.nut")
+
     def test_one_image_is_one_frame(self, tmp_path: Path):
         write_images(tmp_path, ["0.png"], flat_frames([1]))
         with pytest.raises(ClipError, match="one frame"):
@@ -240,6 +253,20 @@ class TestTimes:
         assert caplog.messages == [
             "clock.avi does not say when its frames are shown: they are taken to be even, 12 a second"
         ]
+
+    @pytest.mark.parametrize("options", [{"bf": "0"}, {"bf": "0", "g": "5"}])
+    def test_avi_with_places_left_empty(
+        self, options: dict[str, str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ):
+        """As recorders leave them where a frame came late: the frame before stays, and nothing is lost."""
+        places = [0, 1, 2, 4, 5, 7, 9, 10, 12, 13, 17, 18]
+        path = tmp_path / "late.avi"
+        write_video(path, self.frames, 12, times=places, time_base=Fraction(1, 12), options=options)
+        clip = read_clip(path)
+        np.testing.assert_allclose(clip.times, np.array(places) / 12)
+        assert clip.variable_rate
+        assert [record for record in caplog.records if record.levelno == logging.WARNING] == []
+        np.testing.assert_allclose(read_clip(f"{path}@3:7").times, np.array([0, 1, 3, 5]) / 12)
 
     @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
     def test_a_frame_an_hour(self, suffix: str, tmp_path: Path):

@@ -21,7 +21,7 @@ from decomotion.data.cuts import find_cuts
 from decomotion.decoding import mark
 from decomotion.errors import ClipError
 from decomotion.frames import Frames
-from films import B_FRAMES, COUNT, FORMS, GOP, drifting, lowest_row_first, plainly_decoded, write
+from films import B_FRAMES, COUNT, FORMS, GOP, by_a_palette, drifting, lowest_row_first, plainly_decoded, write
 
 
 def check_any_order(path: Path, begin: int = 0, end: int = COUNT) -> None:
@@ -66,6 +66,12 @@ def test_any_order_in_a_part(form: str, tmp_path: Path):
 
 def test_any_order_of_pictures_from_the_lowest_row_up(tmp_path: Path):
     check_any_order(lowest_row_first(tmp_path))
+
+
+def test_any_order_of_pictures_by_a_palette(tmp_path: Path):
+    path = by_a_palette(tmp_path)
+    assert {int(frame[0, 0, 1]) for frame in plainly_decoded(path)} == {40, 200}
+    check_any_order(path)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])

@@ -14,10 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clip_files import turned_jpeg
 from decomotion.data.masks.folder import read_masks
 from decomotion.errors import ClipError
 from decomotion.frame_files import decode_frame, open_frames
-from decomotion.images import jpeg, png
+from decomotion.images import header, jpeg, plausible, png
 from near_misses import EXTREMES, answer, any_or_near
 
 HEIGHT, WIDTH = 6, 9
@@ -90,6 +91,12 @@ def test_picture(content: bytes, upright: bool):
         assert frame.ndim == 3
         assert frame.shape[2] == 3
         assert frame.dtype in (np.uint8, np.uint16)
+
+
+@given(content=any_or_near(turned_jpeg(PICTURE, 6), turned_jpeg(PICTURE, 2), png(PICTURE)))
+def test_a_header_tells_what_decoding_gives(content: bytes):
+    told, frame = answer(lambda: header(content) if plausible(content) else None), decode_frame(content)
+    assert told is None or frame is None or (told.height, told.width) == frame.shape[:2]
 
 
 @pytest.mark.parametrize("name", ["0.png", "0.jpg"])
