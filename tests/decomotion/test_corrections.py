@@ -264,6 +264,6 @@ def test_a_link_may_miss_by_two_units_and_half_of_its_distance(beside: float, al
     point = CorrectedPoint.of([Place(0, 5, 5), Place(1, 5, 5)])
     bent = Bent(point, np.full((2, 2), 5.0), np.ones(2, bool), moving=False)
     missed = np.array([allowed - 0.1, allowed + 0.1])
-    xy = np.full((2, 2), 5.0) + (0, beside)
+    xy = np.array([[5.0, 5.0 + beside]] * 2)
     found = contradiction([bent], np.zeros(2, int), xy, np.ones(2, int), xy + missed[:, None] * (0, 1), 0.5)
     np.testing.assert_allclose(found, [0, np.exp(-0.5 * (beside / 1.5) ** 2)])

@@ -6,7 +6,16 @@ from itertools import pairwise
 
 import pytest
 
-from decomotion.default_time import EXPORT, EXPORT_OF_A_FRAME, LEAST, MOST, announcement, default_seconds, rounds, spoken
+from decomotion.default_time import (
+    EXPORT,
+    EXPORT_OF_A_FRAME,
+    LEAST,
+    MOST,
+    announcement,
+    default_seconds,
+    rounds,
+    spoken,
+)
 from decomotion.long_clip import USUAL
 from decomotion.windows import Windows, split
 

@@ -93,7 +93,7 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
 
 
 def test_colours_are_compared_over_a_window() -> None:
-    """On a raster of 320 pixels it is 3 wide: a pixel that is 9 off in the mean of its channels is 1 in each of nine."""
+    """On a raster of 320 pixels 3 wide: a pixel that is 9 off in the mean of its channels is 1 in each of nine."""
     here = np.full((120, 320, 3), 100, np.uint8)
     there = here.copy()
     there[61, 202] += np.uint8([9, 18, 0])

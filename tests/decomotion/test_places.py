@@ -99,10 +99,10 @@ def test_near_links_say_first_what_far_ones_must_agree_with(back: bool) -> None:
     ones = np.ones((3, 1))
     seen = np.einsum("tij,nj->nti", moving, np.concatenate([X, ones], axis=1))
     seen = seen[..., :2] / seen[..., 2:]
-    beside = np.einsum("tij,nj->nti", moving, np.concatenate([X + (0, 0, 0.6), ones], axis=1))
+    beside = np.einsum("tij,nj->nti", moving, np.concatenate([X + np.array([0, 0, 0.6]), ones], axis=1))
     beside = beside[..., :2] / beside[..., 2:]
     counts = np.ones((3, 17))
-    seen[:, other - 3 :] = beside[:, other - 3 :] + (0, 40 * UNIT)
+    seen[:, other - 3 :] = beside[:, other - 3 :] + np.array([0, 40 * UNIT])
     x, _, agreement = place(seen, counts, moving, gap)
     np.testing.assert_allclose(x, X, atol=0.05)
     np.testing.assert_allclose(agreement, 6 / 16, atol=0.03)

@@ -148,7 +148,7 @@ def test_what_is_narrower_than_three_units_is_noise() -> None:
 
 
 def test_a_difference_is_the_mean_of_channels_and_of_nine_pixels() -> None:
-    """Of 27 and 0 and 0 levels at one pixel: 1 in each of nine. Of five views the brightest and the darkest are wrong."""
+    """Of 27, 0 and 0 levels at one pixel: 1 in each of nine. Of five views the brightest and the darkest are wrong."""
     scene = np.full((20, 30, 3), 100, np.float32)
     image = scene.astype(np.uint8)
     image[9, 12, 2] += 27

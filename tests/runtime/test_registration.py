@@ -97,3 +97,32 @@ def test_no_points():
     )
     assert match.xy.shape == (0, 2)
     assert match.unexplained.shape == match.deviation.shape == (0,)
+
+
+def test_how_sure_a_match_is_by_plain_numbers():
+    """In half the light, by a loop: the noise left over, over what a patch's gradients tell in its worst direction."""
+    random = np.random.default_rng(2)
+    grey = cv2.GaussianBlur(random.uniform(0, 255, (64, 80)).astype(np.float32), (0, 0), 2) * 3 - 256
+    other = 0.5 * grey + 40 + random.normal(0, 3, grey.shape)
+    here, there = ([each.clip(0, 255).astype(np.float32)] for each in (grey, other))
+    place, upright = np.array([[37.0, 30.0]], np.float32), np.eye(2, dtype=np.float32)[None]
+    found = judge(cut(here, place, upright), there, place, upright)
+    rows, weights = [], []
+    for y in range(23, 38):
+        for x in range(30, 45):
+            across = (here[0][y, x + 1] - here[0][y, x - 1]) / 2
+            down = (here[0][y + 1, x] - here[0][y - 1, x]) / 2
+            rows.append((across, down, here[0][y, x], there[0][y, x]))
+            weights.append(np.exp(-((x - 37) ** 2 + (y - 30) ** 2) / (2 * 4.2**2)))
+    across, down, patch, seen = np.array(rows, np.float64).T
+    weight = np.array(weights)
+    share = weight / weight.sum()
+    patch, seen = patch - share @ patch, seen - share @ seen
+    gain = (share * patch) @ seen / ((share * patch) @ patch)
+    left = (share * (seen - gain * patch)) @ (seen - gain * patch)
+    assert 0.4 < gain < 0.6
+    assert found.unexplained[0] == pytest.approx(left / ((share * seen) @ seen), rel=1e-3)
+    noise = np.sqrt(left) / gain
+    tensor = np.array([[(weight * a) @ b for a in (across, down)] for b in (across, down)])
+    least = np.linalg.eigvalsh(tensor)[0] - weight.sum() * noise**2 / 3
+    assert found.deviation[0] == pytest.approx(noise / np.sqrt(least), rel=1e-2)

@@ -283,3 +283,25 @@ def test_bad_arguments(ask: Any, reason: str):
 def test_points_outside_of_the_clip():
     with pytest.raises(QueryError, match="x must be within"):
         measure_points(DeformingTracker(*affine(MATRIX)), [(0, 99, 2)])
+
+
+def test_an_expected_error_is_a_length():
+    class Told(DeformingTracker):
+        def track(self, queries: Any, frames: Any = None) -> Tracks:
+            tracks = super().track(queries, frames)
+            return replace(tracks, error=np.full(tracks.occluded.shape, 3, np.float32))
+
+    motion = measure_points(Told(*affine(np.eye(2))), [(0, 30, 20)], settings=SETTINGS)
+    error = motion.measured().named("error")
+    assert error.unit == "mm"
+    np.testing.assert_allclose(error.values, 1.5)
+
+
+def test_what_is_said_of_a_point_hidden_in_the_frame_of_reference():
+    """It is marked everywhere, and its velocity is of the frames in which it is seen."""
+    there, back = affine(np.eye(2), (16, 0))
+    tracker = DeformingTracker(there, back, hidden=lambda places, frames: (frames == 4) & (places[..., 0] < 33))
+    motion = measure_points(tracker, [(0, 30, 20), (0, 40, 20)], reference=4)
+    assert motion.measured().named("occluded").values.tolist() == [[True] * 9, [False] * 9]
+    np.testing.assert_allclose(motion.rates.velocity[0, [2, 3, 5, 6]], np.broadcast_to([20, 0], (4, 2)), rtol=1e-4)
+    assert motion.rates.used[0].tolist() == [6, 6, 6, 6, 7, 6, 6, 6, 6]
