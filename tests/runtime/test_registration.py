@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from decomo_runtime.registration import Pyramid, cut, judge, pyramid, register
+from decomo_runtime.registration import Pyramid, _step, cut, judge, pyramid, register
 from moving_planes import HEIGHT, WIDTH, texture
 
 PLACES = np.array([[120.0, 60.0], [333.3, 99.7], [500.5, 150.25], [640.0, 80.0]], np.float32)
@@ -126,3 +126,18 @@ def test_how_sure_a_match_is_by_plain_numbers():
     tensor = np.array([[(weight * a) @ b for a in (across, down)] for b in (across, down)])
     least = np.linalg.eigvalsh(tensor)[0] - weight.sum() * noise**2 / 3
     assert found.deviation[0] == pytest.approx(noise / np.sqrt(least), rel=1e-2)
+
+
+def test_a_step_is_as_long_in_half_the_light():
+    """It leads most of the way from half a pixel beside."""
+    patches, upright = cut(seen(STILL, 1), PLACES, jacobians(STILL)), jacobians(STILL)
+    beside, rows = PLACES + np.float32([0.4, -0.3]), np.arange(len(PLACES))
+    steps = [_step(patches, seen(STILL, 1, gain, 20), 0, beside, upright, rows) for gain in (1.0, 0.5)]
+    np.testing.assert_allclose(steps[0], np.broadcast_to([-0.4, 0.3], (4, 2)), atol=0.15)
+    np.testing.assert_allclose(steps[1], steps[0], atol=0.03)  # grey values are whole numbers
+
+
+def test_a_negative_is_not_alike():
+    place, upright = PLACES, jacobians(STILL)
+    patches = cut(seen(STILL, 1), place, upright)
+    np.testing.assert_array_equal(judge(patches, seen(STILL, 1, -1, 255), place, upright).unexplained, 1)

@@ -43,7 +43,10 @@ def test_what_has_no_sign_runs_along_viridis():
     np.testing.assert_allclose(given, [(68, 1, 84), (33, 145, 140), (253, 231, 37), (253, 231, 37)], atol=4)
 
 
-@pytest.mark.parametrize(("most", "length"), [(0.9, 0.5), (1.0, 1.0), (4.9, 2.0), (5.0, 5.0), (0.02, 0.02), (730, 500)])
+@pytest.mark.parametrize(
+    ("most", "length"),
+    [(0.9, 0.5), (1.0, 1.0), (4.9, 2.0), (5.0, 5.0), (0.02, 0.02), (730, 500), (0.2 * 750 * (0.002 / 3), 0.1)],
+)
 def test_a_round_length_is_no_longer(most: float, length: float):
     assert _round_length(most) == pytest.approx(length)
 
