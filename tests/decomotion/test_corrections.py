@@ -12,7 +12,7 @@ from decomotion.clip import Clip
 from decomotion.corrections.file import HEADER, read_corrections
 from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.corrections.seams import in_windows
-from decomotion.corrections.trusted import Bent, blending, contradiction, trusted_tracks
+from decomotion.corrections.trusted import Bent, blending, contradiction, offsets_around, trusted_tracks
 from decomotion.errors import CorrectionError
 from decomotion.windows import Window, Windows
 from tiny_fit import randomised, tiny_model
@@ -181,3 +181,89 @@ def test_links_contradict_that_lead_elsewhere_or_to_where_the_point_is_hidden():
     assert found(0, (6, 5), 3, (21, 5)) == 0  # moves along
     assert found(0, (5, 5), 4, (25, 5)) == 1
     assert found(0, (5, 5), 4, (10, 5)) == 0
+
+
+@pytest.mark.parametrize("x", ["-0.5", "33.5"])
+def test_a_place_may_be_on_the_outermost_pixel_s_edge(tmp_path: Path, x: str):
+    (point,) = read_corrections(written(tmp_path, f"0,{x},4,5,10,11"), CLIP)
+    assert point.xy[0, 0] == float(x)
+
+
+@pytest.mark.parametrize(("apart", "points"), [("0.009", 1), ("0.02", 2)])
+def test_places_are_one_that_are_a_hundredth_of_a_pixel_apart(tmp_path: Path, apart: str, points: int):
+    lines = ("0,3,4,5,10,11", f"5,10,{11 + float(apart)},8,12,12")
+    assert len(read_corrections(written(tmp_path, *lines), CLIP)) == points
+
+
+def test_a_column_that_is_there_twice_is_refused(tmp_path: Path):
+    with pytest.raises(CorrectionError, match="no column x"):
+        read_corrections(written(tmp_path, "0,1,1,2,3,4,5", header="t,x,x,y,target_t,target_x,target_y"), CLIP)
+
+
+# windows: 0 to 9, 6 to 17 and 14 to 25
+CHAIN = Windows(
+    "chain", 26, HEIGHT, WIDTH, 24.0, (Window("window-000", 0, 10), Window("w1", 6, 18), Window("w2", 14, 26))
+)
+
+
+def wandering(number: int, place: Place) -> np.ndarray:
+    """Tracks of a model: a pixel a frame to the right in window 0, down in the next, both in the last."""
+    steps = np.arange(len(CHAIN.windows[number])) - place.t
+    return np.array(place[1:]) + steps[:, None] * np.array([[1, 0], [0, 1], [1, 1]][number])
+
+
+def test_a_correction_across_two_seams_goes_by_each_window_on_the_way():
+    """At 8 it is (9, 4) from the one side and (12, 14) from the other, at 16 (9, 12) and (12, 22)."""
+    taught = in_windows([CorrectedPoint.of([Place(2, 3, 4), Place(24, 20, 30)])], CHAIN, wandering)
+    assert list(taught) == [0, 1, 2]
+    first, second = (9 + 3 * 3 / 11, 4 + 10 * 3 / 11), (9 + 3 * 7 / 11, 12 + 10 * 7 / 11)
+    for number, frames, xy in (
+        (0, [2, 8], [(3, 4), first]),
+        (1, [2, 10], [first, second]),
+        (2, [2, 10], [second, (20, 30)]),
+    ):
+        assert taught[number][0].frames.tolist() == frames
+        np.testing.assert_allclose(taught[number][0].xy, xy)
+
+
+def test_a_point_hidden_in_the_window_before_is_followed_back():
+    taught = in_windows([CorrectedPoint.of([Place(2, HIDDEN, HIDDEN), Place(13, 9, 16)])], CHAIN, wandering)
+    assert list(taught) == [0]
+    (part,) = taught[0]
+    assert (part.frames.tolist(), part.xy.tolist(), part.hidden.tolist()) == ([8], [[9, 11]], [2])
+
+
+def test_of_two_windows_the_nearer_tells_where_a_hidden_point_was():
+    """Known in windows 0 and 1, hidden in 2: it is followed from window 1."""
+    places = [Place(2, 3, 4), Place(12, 11, 8), Place(22, HIDDEN, HIDDEN)]
+    taught = in_windows([CorrectedPoint.of(places)], CHAIN, wandering)
+    assert taught[2][0].xy.tolist() == [[11, 12]]
+    assert (taught[2][0].frames.tolist(), taught[2][0].hidden.tolist()) == ([2], [8])
+
+
+def test_a_place_alone_teaches_nothing():
+    assert in_windows([CorrectedPoint.of([Place(2, 3, 4)])], CHAIN, wandering) == {}
+    both = [Place(12, 9, 8), Place(13, 9, 16)], [Place(1, 2, 3), Place(3, 4, 5)]
+    assert list(in_windows([CorrectedPoint.of(each) for each in both], CHAIN, wandering)) == [0, 1]
+
+
+def test_offsets_are_evenly_spread_over_two_deviations():
+    """A sunflower's seeds: as many in equal areas, each a golden angle on, 137.5 degrees."""
+    offsets = offsets_around(513, 1.5)
+    radius = np.linalg.norm(offsets, axis=1)
+    assert offsets[0].tolist() == [0, 0]
+    np.testing.assert_allclose(radius[[128, 512]], [1.5, 3])
+    angles = np.degrees(np.arctan2(offsets[1:, 1], offsets[1:, 0]))
+    np.testing.assert_allclose(np.diff(angles) % 360, 137.508, atol=0.001)
+    assert offsets_around(1, 1.5).tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize(("beside", "allowed"), [(0.0, 1.0), (2.0, 2.0)])
+def test_a_link_may_miss_by_two_units_and_half_of_its_distance(beside: float, allowed: float):
+    """A unit is half a pixel; `beside` in pixels, from where a standing point is."""
+    point = CorrectedPoint.of([Place(0, 5, 5), Place(1, 5, 5)])
+    bent = Bent(point, np.full((2, 2), 5.0), np.ones(2, bool), moving=False)
+    missed = np.array([allowed - 0.1, allowed + 0.1])
+    xy = np.array([[5.0, 5.0 + beside]] * 2)
+    found = contradiction([bent], np.zeros(2, int), xy, np.ones(2, int), xy + missed[:, None] * (0, 1), 0.5)
+    np.testing.assert_allclose(found, [0, np.exp(-0.5 * (beside / 1.5) ** 2)])

@@ -6,7 +6,16 @@ from itertools import pairwise
 
 import pytest
 
-from decomotion.default_time import EXPORT, EXPORT_OF_A_FRAME, LEAST, MOST, announcement, default_seconds, rounds
+from decomotion.default_time import (
+    EXPORT,
+    EXPORT_OF_A_FRAME,
+    LEAST,
+    MOST,
+    announcement,
+    default_seconds,
+    rounds,
+    spoken,
+)
 from decomotion.long_clip import USUAL
 from decomotion.windows import Windows, split
 
@@ -56,3 +65,24 @@ def test_what_is_said_of_one_window():
     )
     assert "90 s, preparation" in announcement(layout(32), 1, None, 90.0)
     assert announcement(layout(32), 1, 7, None).endswith("; 7 steps (--time-budget or --steps say otherwise)")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (119.4, "119 s"),
+        (120.0, "2 min"),
+        (179.0, "3 min"),
+        (3569.0, "59 min"),
+        (3571.0, "1 h 0 min"),
+        (24600.0, "6 h 50 min"),
+    ],
+)
+def test_times_are_said_to_the_minute(seconds: float, said: str):
+    assert spoken(seconds) == said
+
+
+def test_more_time_is_advised_where_windows_have_less_than_ten_minutes():
+    """Of 41 windows, two at a time, 21 are fitted one after the other."""
+    assert "(--time-budget 210m gives each 10 min; less" in announcement(layout(3600), 2, None, 360.0)
+    assert "(--time-budget or --steps say otherwise; less" in announcement(layout(3600), 2, None, 600.0)

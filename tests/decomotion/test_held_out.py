@@ -246,3 +246,50 @@ class TestWhichLinks:
 
 def test_unit_of_the_clip():
     assert unit(WIDTH) == UNIT == 0.375
+
+
+def test_another_seed_looks_at_other_links():
+    """Of links that are off by their gap; which places are held out does not depend on it."""
+    pool = make_pool(9)
+    pool.targets[..., 0] += UNIT * np.arange(9)[:, None]
+    held_out_places, model = HeldOut(pool, 3), exact_model(9)
+    one, other = (measure(model, pool, held_out_places, seed=seed, steps=1) for seed in (3, 4))
+    assert one is not None
+    assert other is not None
+    assert one.all.links != other.all.links or one.all.median != other.all.median
+
+
+@pytest.mark.parametrize(("units", "known"), [(3.8, True), (4.2, False)])
+def test_a_way_back_begins_within_four_units(units: float, known: bool):
+    """Of points that are 43 units apart, which move by so much."""
+    points = make_pool(2).points[:, (np.arange(32)[:, None] % 8 * np.ones(48) + np.arange(48) % 8).ravel() == 0]
+    steps = (np.arange(2)[None] - np.arange(2)[:, None])[..., None, None]
+    targets = (points[:, None] + steps * units * UNIT * np.array([0.6, -0.8])).astype(np.float32)
+    certain = np.full(targets.shape[:3], 255, np.uint8)
+    pool = make_pool(2, points=points, targets=targets, confidence=certain)
+    every = HeldOut(pool, 0)
+    every.points[:] = True
+    assert (measure(exact_model(2), pool, every, seed=0, steps=1) is not None) == known
+
+
+def test_what_contradicts_what_is_known_better_is_left_out():
+    """Links that begin on the left are off by nine units, and those are contradicted."""
+    pool, told = make_pool(), []
+    left = pool.points[0, :, 0] < WIDTH / 2
+    pool.targets[:, :, left, 0] += 9 * UNIT
+
+    def contradicts(frame: np.ndarray, xy: np.ndarray, target: np.ndarray, target_xy: np.ndarray) -> np.ndarray:
+        np.testing.assert_allclose((target_xy - xy)[:, 1], (target - frame) * VELOCITY[1], atol=1e-3)
+        told.append(len(frame))
+        return xy[:, 0] < WIDTH / 2
+
+    held = HeldOut(pool, 3)
+    found = measure(exact_model(), pool, held, contradicts, seed=3, steps=1)
+    assert found is not None
+    assert 0 < found.all.links < told[0]
+    assert found.all.p90 < 1e-3 < quality(exact_model(), pool).all.p90
+    assert measure(exact_model(), pool, held, lambda frame, *_: frame >= 0, seed=3, steps=1) is None
+
+
+def test_what_was_thinned_is_told():
+    assert quality(exact_model(), make_pool(thinned="flow at gaps 1")).thinned == "flow at gaps 1"

@@ -84,6 +84,13 @@ def test_where_a_frame_has_nothing_there_is_nothing_to_search(pair: tuple[int, i
     assert layer.effort() == 36 * 26 / (2 * HEIGHT * WIDTH)
 
 
+def test_nothing_beyond_the_border_is_searched() -> None:
+    """In the lower right corner 8 pixels around are there on two sides alone."""
+    layer = Layer([box(slice(70, 80), slice(100, 128))], SIZE)
+    assert layer.part(0, 0) == (slice(62, 80), slice(92, 128))
+    assert layer.effort() == 18 * 36 / (HEIGHT * WIDTH)
+
+
 def test_what_moves_lies_within_a_unit_of_its_mask_and_anywhere_without_one() -> None:
     """On a raster of 512 pixels a unit is two."""
     masks = [np.zeros((288, 512), np.bool_) for _ in range(2)]

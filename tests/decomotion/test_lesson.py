@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from decomotion.chance import generator
+from decomotion.corrections.following import Seen, see
 from decomotion.corrections.lesson import lesson_pool
 from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.corrections.trusted import TrustedTracks, trusted_tracks
@@ -37,7 +39,7 @@ def model() -> DecoMotion:
 
 
 def prepared() -> Preparation:
-    """A point at `PLACE` alone is found to move; features are the numbers of their cells."""
+    """A point at `PLACE` alone is found to move; features are the numbers of their cells, a hundred a frame on."""
     shape = (FRAMES, ROWS * COLUMNS)
     moving = np.zeros(shape, np.uint8)
     moving[:, 5] = 1
@@ -46,10 +48,10 @@ def prepared() -> Preparation:
         targets=np.zeros((FRAMES, *shape, 2), np.float32),
         confidence=np.zeros((FRAMES, *shape), np.uint8),
         rgb=np.zeros((*shape, 3), np.uint8),
-        feature=np.broadcast_to(np.arange(shape[1], dtype=np.float16)[:, None], (*shape, 1)),
+        feature=(100 * np.arange(FRAMES)[:, None] + np.arange(shape[1]))[..., None].astype(np.float16),
         moving=moving,
-        camera=np.zeros((FRAMES, 2, 3), np.float32),
-        object=np.zeros((FRAMES, 2, 3), np.float32),
+        camera=np.full((FRAMES, 2, 3), 1, np.float32),
+        object=np.full((FRAMES, 2, 3), 2, np.float32),
         longer_side=WIDTH,
     )
     return Preparation(pool, (), Path(), (ROWS, COLUMNS))
@@ -100,7 +102,7 @@ def test_colours_and_features_are_those_of_the_places(model: DecoMotion):
         xy = pool.points[frame]
         np.testing.assert_allclose(pool.rgb[frame, :, 0], xy[:, 0], atol=0.6)
         row, column = (xy[:, 1] + 0.5) // (HEIGHT / ROWS), (xy[:, 0] + 0.5) // (WIDTH / COLUMNS)
-        assert (pool.feature[frame, :, 0] == row * COLUMNS + column).all()
+        assert (pool.feature[frame, :, 0] == 100 * frame + row * COLUMNS + column).all()
 
 
 @pytest.mark.parametrize("place", [PLACE, (0.5, 70.0)])
@@ -121,3 +123,39 @@ def test_what_hides_a_point_is_the_other_volume_s_in_that_frame_alone(model: Dec
         assert set(pool.moving[frame, hides]) == {2}
     # the point itself is trusted in no link to or from that frame
     assert not tracks.trust[:, 3].any()
+
+
+def test_what_the_model_is_not_sure_of_counts_less(model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
+    """An owner by 0.8 of a ray counts 0.6, and one by 0.1 is the other volume, and counts 0.8."""
+    plainly = see
+
+    def unsure(*given: Any) -> Seen:
+        seen = plainly(*given)
+        return Seen(seen.xy, np.where(seen.xy[:, 0, 0] < 64, 0.8, 0.1).astype(np.float32))
+
+    monkeypatch.setattr("decomotion.corrections.lesson.see", unsure)
+    pool, _ = lesson(model, Place(1, *PLACE), Place(3, *PLACE))
+    xy = pool.points[0, :RANDOM]
+    far = np.linalg.norm(xy - PLACE, axis=-1) > 20
+    left = xy[:, 0] < 64
+    assert set(pool.confidence[0, 2, :RANDOM][far & left]) == {153}
+    assert set(pool.confidence[0, 2, :RANDOM][far & ~left]) == {204}
+    assert set(pool.moving[0, :RANDOM][far & left]) == {0}
+    assert set(pool.moving[0, :RANDOM][far & ~left]) == {1}
+
+
+def test_a_hidden_point_is_neither_volume_s_where_it_is_hidden(model: DecoMotion):
+    """Nor are the random points around: what is seen there is what hides it, whoever that is."""
+    pool, tracks = lesson(model, Place(1, *PLACE), Place(3, HIDDEN, HIDDEN))
+    assert set(pool.moving[3, RANDOM:-COVERING]) == {2}
+    away = np.linalg.norm(pool.points[3, :RANDOM] - tracks.bent[0].xy[3], axis=-1)
+    assert set(pool.moving[3, :RANDOM][away < 1.4]) == {2}
+    assert set(pool.moving[3, :RANDOM][away > 1.6]) == {0}
+    assert not pool.confidence[1, 3, RANDOM:-COVERING].any()
+    assert not pool.confidence[3, 1, RANDOM:-COVERING].any()
+
+
+def test_motions_of_camera_and_object_stay(model: DecoMotion):
+    pool, _ = lesson(model, Place(1, *PLACE), Place(3, *PLACE))
+    assert (pool.camera == 1).all()
+    assert (pool.object == 2).all()

@@ -311,3 +311,18 @@ def test_windows_are_prepared_ahead_of_their_fits(
 def test_who_looks_on_has_no_torch():
     code = "import sys, decomotion.cli, decomotion.long_clip; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+
+
+def test_how_long_windows_are_where_nothing_is_said():
+    """128 frames are one; of more each has a hundred at most, as many windows as that takes."""
+    for frames, lengths in ((128, [128]), (129, [70, 71]), (300, [84] * 4)):
+        assert [len(window) for window in windows_of(of(0, frames), None, []).windows] == lengths
+
+
+def test_longer_windows_have_more_of_the_time(tmp_path: Path, calls: Path):
+    """Of 27 frames, with those that they share, and 54 seconds."""
+    frames = write_frames(sliding(21), tmp_path / "longer")
+    assert main([str(frames), "--window", "8", "--time-budget", "54s"]) == 0
+    said = [(calls / f"window-00{number}").read_text().split() for number in range(4)]
+    assert [each[1].rpartition("@")[2] for each in said] == ["0:7", "5:12", "10:16", "14:21"]
+    assert [each[-1] for each in said] == ["14.0s", "14.0s", "12.0s", "14.0s"]

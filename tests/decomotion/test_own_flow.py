@@ -6,11 +6,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from decomotion.clip import Clip
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.links.layer import Layer
-from decomotion.data.links.own_flow import OwnFlow, likelier
+from decomotion.data.links.own_flow import OwnFlow, _difference, likelier
 
 FRAMES, HEIGHT, WIDTH = 5, 24, 40
 
@@ -89,3 +90,61 @@ def test_what_is_found_to_move_and_looks_like_the_scene_goes_with_it(tmp_path: P
     own.compute((1,), progress=False)
     assert (own(0, 1)[2:-2, 4:24, 0] == 4).all()
     assert not own(0, 1)[:, 24:].any()
+
+
+def test_colours_are_compared_over_a_window() -> None:
+    """On a raster of 320 pixels 3 wide: a pixel that is 9 off in the mean of its channels is 1 in each of nine."""
+    here = np.full((120, 320, 3), 100, np.uint8)
+    there = here.copy()
+    there[61, 202] += np.uint8([9, 18, 0])
+    flow = np.broadcast_to(np.float32([2, 1]), (120, 320, 2))
+    expected = np.zeros((120, 320))
+    expected[59:62, 199:202] = 1
+    np.testing.assert_allclose(_difference(here, there, flow), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("side", "own"), [(1, True), (16, False)])
+def test_what_a_blur_takes_out_does_not_tell_places_apart(side: int, own: bool) -> None:
+    """Chequers of so many pixels of a raster of 960, where colours are blurred by 1.5 pixels.
+
+    Its own flow leads to them inverted, the other to the same a little brighter.
+    """
+    row, column = np.indices((48, 960))
+    black = (row // side + column // side) % 2 == 0
+    first = np.where(black, 90, 130)
+    second = np.where(column < 640, np.where(black == ((column // 320) % 2 == 0), 90, 130), first + 3)
+    frames = [np.repeat(each[..., None], 3, axis=-1).astype(np.uint8) for each in (first, second)]
+    flows = [np.broadcast_to(np.float32(flow), (48, 960, 2)) for flow in ((320, 0), (640, 0), (-640, 0))]
+    found = likelier(*frames, *flows)[12:36, 100:220]
+    assert (found == (320 if own else 640, 0)).all()
+
+
+def test_where_both_are_as_likely_it_goes_with_all() -> None:
+    flat = np.full((48, 80, 3), 77, np.uint8)
+    own, there, back = (np.broadcast_to(np.float32(flow), (48, 80, 2)) for flow in ((3, 0), (0, 2), (0, -2)))
+    assert (likelier(flat, flat, own, there, back)[5:-5] == (0, 2)).all()
+    assert (likelier(flat, flat, own, there, own)[5:-5] == (3, 0)).all()  # the other one does not return
+
+
+def test_each_frame_s_own_mask_tells_where_it_moves_and_all_else_goes_as_all_does(tmp_path: Path) -> None:
+    """Kept in half precision, and of a frame in which nothing moves, nothing."""
+    masks = np.zeros((3, HEIGHT, WIDTH), np.bool_)
+    masks[0, 8:14, 4:10], masks[1, 8:14, 20:30] = True, True
+    noise = np.random.default_rng(0).integers(0, 256, (3, HEIGHT, WIDTH, 3), np.uint8)
+    every = np.float32([0.25, 7.5])
+    own = OwnFlow(
+        Clip("clip", noise, 24.0),
+        Sized(),
+        Layer(masks, (WIDTH, HEIGHT)),
+        tmp_path / "own",
+        lambda *_: np.broadcast_to(every, (HEIGHT, WIDTH, 2)).copy(),  # which does not return
+    )
+    own.compute((1,), progress=False)
+    for first, second in ((0, 1), (1, 0)):
+        found, moves = own(first, second), masks[first]
+        assert (found[moves] == (second - first, first)).all()
+        assert (found[~moves] == every).all()
+    assert (own(1, 2) == every).all()
+    kept = {name: np.load(tmp_path / "own" / f"{name}.npy") for name in ("0_1", "1_2")}
+    assert {array.dtype for array in kept.values()} == {np.dtype(np.float16)}
+    assert (kept["0_1"].shape, kept["1_2"].size) == ((10, 30, 2), 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from decomotion.data.pool import Pool, affordable_points, grid_shape, jittered_grid, open_pool
-from decomotion.data.positions import PackedPositions, pack
+from decomotion.data.positions import PackedPositions, first_points, pack
 
 ARRAYS = [name for name in Pool.__dataclass_fields__ if name not in ("longer_side", "structure", "thinned")]
 TYPES = {"confidence": np.uint8, "rgb": np.uint8, "moving": np.uint8, "feature": np.float16, "targets": np.uint16}
@@ -84,6 +84,20 @@ class TestPacking:
         np.testing.assert_allclose(unpacked[frame, target, point], xy[frame, target, point], atol=2e-3)
         np.testing.assert_allclose(unpacked.first_points(3)[1], xy[1, :, :3], atol=2e-3)
         np.testing.assert_allclose(np.asarray(unpacked), xy, atol=2e-3)
+
+    @pytest.mark.parametrize("side", [40, 300])
+    def test_the_first_points_of_each_frame(self, side: int):
+        """Of arrays and of what is packed, at any size of a frame."""
+        xy = np.random.default_rng(0).uniform(0, side, (4, 5, 9, 2)).astype(np.float32)
+        given = first_points(PackedPositions(pack(xy, side), side), 3)
+        assert given.shape == (4, 5, 3, 2)
+        np.testing.assert_allclose(given[...], xy[:, :, :3], atol=0.0061 * side / 256)
+        np.testing.assert_array_equal(first_points(xy, 3), xy[:, :, :3])
+
+    def test_numpy_may_ask_for_a_type(self):
+        packed = PackedPositions(pack(np.ones((2, 3, 4, 2)), 64), 64)
+        assert np.asarray(packed).dtype == np.float32
+        assert np.asarray(packed, np.float64).dtype == np.float64
 
 
 @pytest.mark.parametrize("filtered", [False, True])

@@ -130,3 +130,29 @@ def test_the_scene_is_the_median_of_its_views_and_may_lie_a_pixel_off() -> None:
     views = [np.where(box(slice(0, 20), slice(0, 7), (20, 30))[..., None], np.float32(np.nan), view) for view in views]
     np.testing.assert_array_equal(np.isnan(difference(image.astype(np.uint8), views))[10], np.arange(30) < 7)
     assert np.isnan(difference(image.astype(np.uint8), [])).all()
+
+
+@pytest.mark.parametrize(("levels", "moves"), [(11, False), (13, True)])
+def test_what_moves_differs_by_twelve_grey_levels(levels: float, moves: bool) -> None:
+    mask, different = box(slice(60, 80), slice(100, 120)), np.zeros((144, 256), np.float32)
+    different[62:78, 124:128] = levels
+    assert silhouette(mask, different)[64:76, 125:127].all() == moves
+
+
+def test_what_is_narrower_than_three_units_is_noise() -> None:
+    mask, different = box(slice(60, 80), slice(100, 120)), np.zeros((144, 256), np.float32)
+    different[70, 124:132] = different[62:66, 126] = 200
+    assert not silhouette(mask, different)[:, 122:].any()
+    different[68:71, 124:132] = 200
+    assert silhouette(mask, different)[69, 125:131].all()
+
+
+def test_a_difference_is_the_mean_of_channels_and_of_nine_pixels() -> None:
+    """Of 27, 0 and 0 levels at one pixel: 1 in each of nine. Of five views the brightest and the darkest are wrong."""
+    scene = np.full((20, 30, 3), 100, np.float32)
+    image = scene.astype(np.uint8)
+    image[9, 12, 2] += 27
+    views = [scene, np.zeros_like(scene), scene, np.full_like(scene, 255), scene]
+    expected = np.zeros((20, 30))
+    expected[8:11, 11:14] = 1
+    np.testing.assert_allclose(difference(image, views), expected, atol=1e-5)

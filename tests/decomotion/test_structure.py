@@ -199,3 +199,89 @@ def test_points_are_placed_by_a_bounded_number_of_frames(frames: int) -> None:
         assert set(range(max(0, frame - 4), min(frames, frame + 5))) <= set(by)
     if frames <= MOST_FRAMES:
         assert len(frames_to_place_by(1, frames)) == frames
+
+
+class Noted:
+    """Stands in for the fit of cameras, and notes what that is given."""
+
+    def __init__(self, seen: npt.NDArray, counts: npt.NDArray, gap: npt.NDArray) -> None:
+        self.seen, self.counts, self.gap = seen, counts, gap
+
+
+def fitted_to(scene: Scene, confidence: npt.NDArray[np.uint8], still: Which, seed: int = 0) -> Noted:
+    """Of twelve points that are drawn, three a frame."""
+    noted: list[Noted] = []
+
+    def fit(seen: npt.NDArray, counts: npt.NDArray, gap: npt.NDArray, _: np.random.Generator) -> npt.NDArray:
+        noted.append(Noted(seen, counts, gap))
+        cameras = np.tile(np.eye(3, 4), (scene.frames, 1, 1))
+        cameras[:, 2] = (0, 0, 0, 1)
+        return cameras
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("decomotion.data.structure.fit_cameras", fit)
+        patch.setattr("decomotion.data.structure.SAMPLE", 12)
+        structure(scene.points, scene.targets, confidence, still, (HEIGHT, WIDTH), np.random.default_rng(seed))
+    return noted[0]
+
+
+def test_cameras_are_fitted_to_links_of_what_stands_still() -> None:
+    """Places are units / 128 - 1; a link counts the square of its confidence, and a point's own place wholly."""
+    scene = filmed(frames=4)
+    confidence = np.random.default_rng(0).integers(0, 256, (4, 4, POINTS), np.uint8)
+    still = np.random.default_rng(1).random((4, POINTS)) < 0.1
+    still[3] = False
+    still[3, 5] = True
+    noted = fitted_to(scene, confidence, still)
+    assert noted.seen.shape == (10, 4, 2)
+    drawn = []
+    for seen, counts, gap in zip(noted.seen, noted.counts, noted.gap, strict=True):
+        frame = int(gap.argmin())
+        assert gap.tolist() == [abs(other - frame) for other in range(4)]
+        xy = (seen[frame] + 1) * 128 * 320 / 256 + (0.625 - 0.5)
+        point = int(np.linalg.norm(scene.points[frame] - xy, axis=-1).argmin())
+        np.testing.assert_allclose(scene.points[frame, point], xy, atol=1e-3)
+        assert still[frame, point]
+        drawn.append((frame, point))
+        for other in range(4):
+            if other != frame:
+                there = (seen[other] + 1) * 128 * 320 / 256 + (0.625 - 0.5)
+                np.testing.assert_allclose(there, scene.targets[frame, other, point], atol=1e-2)
+                assert counts[other] == pytest.approx((confidence[frame, other, point] / 255) ** 2)
+        assert counts[frame] == 1
+    assert len(set(drawn)) == 10
+    assert (3, 5) in drawn
+    assert not np.array_equal(fitted_to(scene, confidence, still, seed=1).seen, noted.seen)
+
+
+def test_what_is_expected_by_hand() -> None:
+    """A camera that sees Z = 0.5 at depth 1.5: where, and by small steps how surely; half the weight at two units."""
+    camera = np.float32([[1, 0, 0.5, 0.1], [0, 1, 0, -0.2], [0, 0, 1, 1]])
+    place, covariance = np.float32([0.3, 0.6, 0.5]), np.float32([[3, 1, 0], [1, 2, 0.5], [0, 0.5, 4]]) / 128**2
+    found = Structure(
+        np.stack([np.eye(3, 4, dtype=np.float32), camera]),
+        np.tile(place, (2, 1, 1)),
+        np.tile(covariance, (2, 1, 1, 1)),
+        np.full((2, 1), 0.8, np.float32),
+    ).expected(np.array([0]), np.array([1]), np.array([0]))
+
+    def seen(x: npt.NDArray) -> npt.NDArray:
+        u, v, depth = camera @ np.append(x, 1.0)
+        return np.array([u, v]) / depth
+
+    np.testing.assert_allclose(found.xy[0], 128 * (seen(place) + 1), rtol=1e-5)
+    np.testing.assert_allclose(found.xy[0], [128 * (0.65 / 1.5 + 1), 128 * (0.4 / 1.5 + 1)], rtol=1e-5)
+    slope = np.stack([(seen(place + step) - seen(place - step)) / 2e-3 for step in 1e-3 * np.eye(3)], axis=1)
+    variance = np.trace(slope @ covariance @ slope.T) * 128**2  # square units
+    assert float(found.weight[0]) == pytest.approx(0.8 / (1 + variance / 4), rel=1e-3)
+
+
+def test_what_is_behind_a_camera_is_somewhere_all_the_same() -> None:
+    """At a fifth of the depth of the origin."""
+    camera = np.float32([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]])
+    shape = (1, 1)
+    behind = np.broadcast_to(np.float32([0.1, -0.04, -3]), (*shape, 3))
+    found = Structure(camera[None], behind, np.zeros((*shape, 3, 3), np.float32), np.ones(shape, np.float32))
+    at = found.expected(np.array([0]), np.array([0]), np.array([0]))
+    np.testing.assert_allclose(at.xy[0], [128 * (0.5 + 1), 128 * (-0.2 + 1)], rtol=1e-5)
+    assert float(at.weight[0]) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import pytest
@@ -107,3 +108,46 @@ def test_each_pair_has_its_own_motion(pairs: int):
         POINTS.expand(pairs, -1, -1), begin.expand(pairs, -1, -1), end + shifts, alike(begin).expand(pairs, -1, -1)
     )
     torch.testing.assert_close(found.xy, moved(POINTS) + shifts, rtol=0, atol=0.1)
+
+
+def plainly_expected(at: complex, links: list[tuple[complex, complex, float]]) -> tuple[complex, float]:
+    """Of one point, and links (where they begin, where they end, how much they count), one at a time."""
+    near = [count / (abs(begin - at) + 4) ** 2 for begin, _, count in links]
+    agreeing, moved = near, at
+    for _ in range(3):
+        total = sum(agreeing)
+        centre = sum(each * begin for each, (begin, _, _) in zip(agreeing, links, strict=True)) / total
+        its_end = sum(each * end for each, (_, end, _) in zip(agreeing, links, strict=True)) / total
+        both, own = 1 + 0j, 1.0
+        for each, (begin, end, _) in zip(agreeing, links, strict=True):
+            both += each / total * (begin - centre).conjugate() * (end - its_end)
+            own += each / total * abs(begin - centre) ** 2
+        moved = its_end + both / own * (at - centre)
+        off = [abs(end - its_end - both / own * (begin - centre)) for begin, end, _ in links]
+        agreeing = [each / (1 + (miss / 2) ** 2) for each, miss in zip(near, off, strict=True)]
+    nearest = min(abs(begin - at) for begin, _, count in links if count > 0)
+    if sum(count for _, _, count in links) < 8:
+        return moved, 0.0
+    return moved, sum(agreeing) / sum(near) * math.exp(-nearest / 32)
+
+
+@pytest.mark.parametrize("count", [15, 60])
+def test_as_a_plain_sum_over_links_has_it(count: int):
+    """Of links of which some are wrong, and which count by their confidence; fifteen are about as many as it takes."""
+    begin, end = links(count, seed=4)
+    random = torch.Generator().manual_seed(5)
+    end = end + 3 * torch.randn(end.shape, generator=random)
+    weight = torch.rand(1, 30, count, generator=random) * (torch.rand(1, 30, count, generator=random) < 0.9)
+    points = torch.rand(1, 30, 2, generator=random) * torch.tensor([180.0, 90.0]) - 40
+    found = expected(points, begin, end, weight)
+    told = 0
+    for point in range(30):
+        given = [
+            (complex(*begin[0, link].tolist()), complex(*end[0, link].tolist()), weight[0, point, link].item())
+            for link in range(count)
+        ]
+        moved, share = plainly_expected(complex(*points[0, point].tolist()), given)
+        assert cmath.isclose(complex(*found.xy[0, point].tolist()), moved, abs_tol=0.01)  # float32
+        assert found.weight[0, point].item() == pytest.approx(share, abs=1e-4)
+        told += share > 0
+    assert told == 30 if count == 60 else 2 < told < 28

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from decomotion.errors import ClipError
-from decomotion.windows import FILE_NAME, OVERLAP, SHORTEST, Window, Windows, split
+from decomotion.windows import FILE_NAME, OVERLAP, SHORTEST, Window, Windows, split, whole_of
 
 
 def layout(windows: tuple[Window, ...], **changes: object) -> Windows:
@@ -101,3 +101,36 @@ def test_what_contradicts_itself_is_refused(changes: dict, message: str, tmp_pat
     (tmp_path / FILE_NAME).write_text(json.dumps(content | changes))
     with pytest.raises(ClipError, match=message):
         Windows.load(tmp_path / FILE_NAME, ClipError)
+
+
+def test_windows_by_hand():
+    """Of a hundred frames about, which share twelve; of shorter ones a quarter."""
+    bounds = {
+        (300, 100): [(0, 84), (72, 156), (144, 228), (216, 300)],
+        (40, 16): [(0, 16), (12, 28), (24, 40)],
+        (30, 18): [(0, 17), (13, 30)],
+    }
+    for (frames, longest), expected in bounds.items():
+        assert [(window.begin, window.end) for window in split(frames, [], longest)] == expected
+
+
+def test_a_window_is_left_in_the_middle_of_what_it_shares():
+    """Of frames 12 to 15 the first two belong to the one, the others to the next."""
+    windows = layout(split(28, [], 16))
+    assert [(window.begin, window.end) for window in windows.windows] == [(0, 16), (12, 28)]
+    assert windows.home(np.arange(28)).tolist() == [0] * 14 + [1] * 14
+
+
+def test_times_begin_at_0(tmp_path: Path):
+    layout(split(9, [], 20), seconds=tuple(np.arange(9.0))).save(tmp_path / FILE_NAME)
+    assert Windows.load(tmp_path / FILE_NAME, ClipError).times[8] == 8
+    layout(split(9, [], 20), seconds=tuple(1 + np.arange(9.0))).save(tmp_path / FILE_NAME)
+    with pytest.raises(ClipError, match="contradicts itself"):
+        Windows.load(tmp_path / FILE_NAME, ClipError)
+
+
+def test_a_window_s_folder_tells_what_it_is_a_part_of(tmp_path: Path):
+    layout(split(300, [], 100)).save(tmp_path / FILE_NAME)
+    assert whole_of(tmp_path / "window-002") == (tmp_path, 4)
+    for other in (tmp_path / "window-004", tmp_path / "window-000" / "deeper", tmp_path):
+        assert whole_of(other) == (other, 1)

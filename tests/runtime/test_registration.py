@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from decomo_runtime.registration import Pyramid, cut, judge, pyramid, register
+from decomo_runtime.registration import Pyramid, _step, cut, judge, pyramid, register
 from moving_planes import HEIGHT, WIDTH, texture
 
 PLACES = np.array([[120.0, 60.0], [333.3, 99.7], [500.5, 150.25], [640.0, 80.0]], np.float32)
@@ -97,3 +97,47 @@ def test_no_points():
     )
     assert match.xy.shape == (0, 2)
     assert match.unexplained.shape == match.deviation.shape == (0,)
+
+
+def test_how_sure_a_match_is_by_plain_numbers():
+    """In half the light, by a loop: the noise left over, over what a patch's gradients tell in its worst direction."""
+    random = np.random.default_rng(2)
+    grey = cv2.GaussianBlur(random.uniform(0, 255, (64, 80)).astype(np.float32), (0, 0), 2) * 3 - 256
+    other = 0.5 * grey + 40 + random.normal(0, 3, grey.shape)
+    here, there = ([each.clip(0, 255).astype(np.float32)] for each in (grey, other))
+    place, upright = np.array([[37.0, 30.0]], np.float32), np.eye(2, dtype=np.float32)[None]
+    found = judge(cut(here, place, upright), there, place, upright)
+    rows, weights = [], []
+    for y in range(23, 38):
+        for x in range(30, 45):
+            across = (here[0][y, x + 1] - here[0][y, x - 1]) / 2
+            down = (here[0][y + 1, x] - here[0][y - 1, x]) / 2
+            rows.append((across, down, here[0][y, x], there[0][y, x]))
+            weights.append(np.exp(-((x - 37) ** 2 + (y - 30) ** 2) / (2 * 4.2**2)))
+    across, down, patch, seen = np.array(rows, np.float64).T
+    weight = np.array(weights)
+    share = weight / weight.sum()
+    patch, seen = patch - share @ patch, seen - share @ seen
+    gain = (share * patch) @ seen / ((share * patch) @ patch)
+    left = (share * (seen - gain * patch)) @ (seen - gain * patch)
+    assert 0.4 < gain < 0.6
+    assert found.unexplained[0] == pytest.approx(left / ((share * seen) @ seen), rel=1e-3)
+    noise = np.sqrt(left) / gain
+    tensor = np.array([[(weight * a) @ b for a in (across, down)] for b in (across, down)])
+    least = np.linalg.eigvalsh(tensor)[0] - weight.sum() * noise**2 / 3
+    assert found.deviation[0] == pytest.approx(noise / np.sqrt(least), rel=1e-2)
+
+
+def test_a_step_is_as_long_in_half_the_light():
+    """It leads most of the way from half a pixel beside."""
+    patches, upright = cut(seen(STILL, 1), PLACES, jacobians(STILL)), jacobians(STILL)
+    beside, rows = PLACES + np.float32([0.4, -0.3]), np.arange(len(PLACES))
+    steps = [_step(patches, seen(STILL, 1, gain, 20), 0, beside, upright, rows) for gain in (1.0, 0.5)]
+    np.testing.assert_allclose(steps[0], np.broadcast_to([-0.4, 0.3], (4, 2)), atol=0.15)
+    np.testing.assert_allclose(steps[1], steps[0], atol=0.03)  # grey values are whole numbers
+
+
+def test_a_negative_is_not_alike():
+    place, upright = PLACES, jacobians(STILL)
+    patches = cut(seen(STILL, 1), place, upright)
+    np.testing.assert_array_equal(judge(patches, seen(STILL, 1, -1, 255), place, upright).unexplained, 1)

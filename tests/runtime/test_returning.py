@@ -60,3 +60,53 @@ def test_a_long_window_has_any_number_of_hidden_points():
     found, queries = Returning(lambda: model, BEGIN, SHARED).find(xy, np.zeros(2, bool))
     assert found.all()
     np.testing.assert_allclose(queries[:, 1:], xy)
+
+
+class Remembering(Standing):
+    """Nothing moves; what is left of x = 45 is hidden in the shared frame, and what is left of 20 is an object.
+
+    Asked again it says that all is hidden by the score `later`.
+    """
+
+    facts = ModelFacts("part", FRAMES, HEIGHT, WIDTH, 25.0, "cpu", 0.5)
+
+    def __init__(self, later: float = 1.0) -> None:
+        self.later, self.asked = later, 0
+
+    def track(self, queries: Any, frames: Any) -> Any:
+        assert (queries[:, 1:] >= -0.5).all()
+        assert (queries[:, 1:] <= (WIDTH - 0.5, HEIGHT - 0.5)).all()
+        self.asked += 1
+        hidden = queries[:, 1] < 45 if self.asked == 1 else np.full(len(queries), self.later)
+        return queries[:, None, 1:], hidden[:, None].astype(np.float32)
+
+    def sample(self, queries: Any) -> Any:
+        return SimpleNamespace(on_object=lambda _: queries[:, 1] < 20)
+
+
+def asked_at(model: Any, *places: tuple[float, float], on_object: bool = False) -> list[bool]:
+    xy = np.array(places, np.float32)
+    found, _ = Returning(lambda: model, BEGIN, SHARED).find(xy, np.full(len(xy), on_object))
+    return found.tolist()
+
+
+def test_a_neighbour_is_hidden_within_six_units():
+    """Which are 2.1 pixels."""
+    last = max(grid_queries(GRID_STEP, 0, HEIGHT, WIDTH)[:, 1], key=lambda x: x * (x < 45))
+    row = grid_queries(GRID_STEP, 0, HEIGHT, WIDTH)[0, 2]
+    assert asked_at(Remembering(), (last, row), (last + 2.0, row), (last + 2.2, row)) == [True, True, False]
+
+
+@pytest.mark.parametrize(("score", "found"), [(0.6, True), (0.4, False)])
+def test_what_is_found_must_be_hidden_there(score: float, found: bool):
+    assert asked_at(Remembering(score), (30.0, 30.0)) == [found]
+
+
+def test_neighbours_are_of_the_same_owner():
+    assert asked_at(Remembering(), (10.0, 30.0), (30.0, 30.0), on_object=True) == [True, False]
+    assert asked_at(Remembering(), (10.0, 30.0), (30.0, 30.0)) == [False, True]
+
+
+def test_beyond_the_border_nothing_is_asked():
+    """A point hidden a pixel beyond it is taken for one on it, which is farther away than two units, 0.7 pixels."""
+    assert asked_at(Remembering(), (-1.0, 30.0), (-1.5, 30.0), on_object=True) == [True, False]

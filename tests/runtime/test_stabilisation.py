@@ -14,7 +14,17 @@ import pytest
 from decomo_runtime import QueryError, RenderError, Tracks, TracksFileError, draw_stabilised, stabilise
 from decomo_runtime import Stabilisation as Done
 from decomo_runtime.options import CROP, DENSE, FILL, HOMOGRAPHY, NONE, SIMILARITY, TRANSFORMS, TRANSLATION
-from decomo_runtime.stabilisation import ANCHORS, REACH, Still, _averaged, _is_sane, format_of_transforms
+from decomo_runtime.stabilisation import (
+    ANCHORS,
+    REACH,
+    Still,
+    _averaged,
+    _fitted,
+    _held,
+    _is_sane,
+    _Pairs,
+    format_of_transforms,
+)
 from tiny_fit import FRAMES, HEIGHT, SCENE_VELOCITY, SQUARE_VELOCITY, WIDTH, sliding_square
 from true_tracker import TrueTracker, square_mask
 
@@ -245,3 +255,79 @@ def test_a_scene_without_objects():
     tracker.on_object = lambda points: np.zeros(len(points), bool)  # type: ignore[method-assign]
     with pytest.raises(RenderError, match="holds nothing in sliding to move by itself"):
         stabilise(tracker, "object")  # type: ignore[arg-type]
+
+
+class Known:
+    """Transforms between frames at `places` [T, 2], which move without turning; None farther than `reach` apart."""
+
+    size = HEIGHT, WIDTH
+
+    def __init__(self, places: npt.ArrayLike, reach: int = 99, scale: float = 1.0) -> None:
+        self.places, self.reach, self.scale = np.asarray(places, np.float64), reach, scale
+
+    def between(self, frame: int, other: int) -> np.ndarray | None:
+        if abs(frame - other) > self.reach:
+            return None
+        enlarged = self.scale ** (other - frame)
+        shift = self.places[other] - enlarged * self.places[frame]
+        return np.array([[enlarged, 0, shift[0]], [0, enlarged, shift[1]], [0, 0, 1]])
+
+
+@pytest.mark.parametrize(("deviation", "every"), [(2.0, 1), (7.0, 2)])
+def test_the_mean_is_weighted_by_time(deviation: float, every: int):
+    """By a bell that ends at three deviations, over three frames of each deviation."""
+    places = np.random.default_rng(0).uniform(-4, 4, (30, 2))
+    found = _averaged(Known(places), [0, 13], deviation, range(30))  # type: ignore[arg-type]
+    for frame in (0, 13):
+        anchors = [each for each in range(0, 30, every) if abs(each - frame) <= 3 * deviation]
+        weights = [np.exp(-0.5 * ((each - frame) / deviation) ** 2) for each in anchors]
+        mean = np.average(places[anchors], axis=0, weights=weights)
+        np.testing.assert_allclose(found[frame][:2, 2], mean - places[frame], atol=1e-4)  # corners are float32
+        np.testing.assert_allclose(found[frame][:2, :2], np.eye(2), atol=1e-5)
+
+
+def test_a_frame_that_no_other_shows_has_no_mean():
+    assert _averaged(Known(np.zeros((5, 2)), reach=0), [2], 1.0, range(5)) == {}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("reference", [0, 2, 4])
+def test_where_two_frames_share_nothing_it_goes_over_those_between(reference: int):
+    """Each frame is a tenth larger than the one before, so that the order of steps matters."""
+    places = np.array([[0, 0], [3, 1], [-2, 5], [4, 4], [1, -3]], float)
+    direct, steps = (Known(places, reach, 1.1) for reach in (99, 1))
+    found = _held(steps, reference, range(5))  # type: ignore[arg-type]
+    assert sorted(found) == list(range(5))
+    for frame, matrix in found.items():
+        np.testing.assert_allclose(matrix, direct.between(frame, reference), atol=1e-9)
+
+
+def test_a_crop_by_hand():
+    """Twice as large from (10, 5) on, pixels from the corner: the edge of pixel 10 is the picture's left edge."""
+    one = Done(np.arange(1), np.eye(3)[None], np.ones(1, bool), Still("scene"), (HEIGHT, WIDTH), np.zeros(1))
+    moved = cv2.perspectiveTransform(np.array([[[9.5, 4.5], [10, 5], [12, 9]]]), one.cropped(10, 5, 2).matrices[0])
+    np.testing.assert_allclose(moved[0], [[-0.5, -0.5], [0.5, 0.5], [4.5, 8.5]])
+
+
+@pytest.mark.parametrize(("form", "least"), [(TRANSLATION, 2), (SIMILARITY, 4), (HOMOGRAPHY, 12)])
+def test_few_points_tell_no_transform(form: str, least: int):
+    here = np.random.default_rng(0).uniform(0, 28, (least, 2)).astype(np.float32)
+
+    class Motion:
+        count = least
+
+        def common(self, frame: int, other: int) -> tuple[np.ndarray, np.ndarray]:
+            return here[: self.count], here[: self.count] + np.float32([2, 1])
+
+    motion = Motion()
+    matrix = _Pairs(motion, form, (HEIGHT, WIDTH)).between(0, 1)  # type: ignore[arg-type]
+    np.testing.assert_allclose(matrix, [[1, 0, 2], [0, 1, 1], [0, 0, 1]], atol=1e-3)
+    motion.count -= 1
+    assert _Pairs(motion, form, (HEIGHT, WIDTH)).between(0, 1) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("form", [TRANSLATION, SIMILARITY, HOMOGRAPHY])
+def test_points_that_go_elsewhere_do_not_count(form: str):
+    """A quarter of them, by nine pixels: a transform may be missed by 1.5 units, here a fifth of a pixel."""
+    here = np.random.default_rng(0).uniform(0, 28, (80, 2))
+    there = here + (2, 1) + np.where(np.arange(80) % 4 == 0, 9, 0)[:, None]
+    np.testing.assert_allclose(_fitted(here, there, form, WIDTH / 256), [[1, 0, 2], [0, 1, 1], [0, 0, 1]], atol=1e-3)

@@ -153,7 +153,8 @@ class Chart:
 
 
 def _round_length(most: float) -> float:
-    """1, 2 or 5 times a power of ten, no more than `most`."""
+    """1, 2 or 5 times a power of ten, no more than `most`, but for what rounding takes from it."""
+    most *= 1 + 1e-9
     power = 10.0 ** math.floor(math.log10(most))
     return next(factor * power for factor in (5, 2, 1) if factor * power <= most)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -133,3 +134,38 @@ def test_files_that_are_missing_are_named(tmp_path: Path) -> None:
     (tmp_path / f"DAVIS/JPEGImages/Full-Resolution/{ANIMAL}/00005.jpg").unlink()
     with pytest.raises(DatasetError, match=rf"00005.jpg, which is missing \(1 of {FRAMES - 4}\)"):
         read_dataset(tmp_path)[ANIMAL]
+
+
+def test_only_red_of_a_mask_is_the_animal(tmp_path: Path) -> None:
+    """Blue ones beside it do not make the threshold larger."""
+    write_badja(tmp_path)
+    video = read_dataset(tmp_path)[ANIMAL]
+    tracks = video.points * 256
+    tracks[..., 1] += 70 * 256 / 384  # of 512x384, about twice what the mask allows
+    assert video.figures is not None
+    before = video.figures(tracks, video.occluded)
+    for file in (tmp_path / "DAVIS/Annotations/Full-Resolution" / ANIMAL).iterdir():
+        mask = cv2.imread(str(file))
+        assert mask is not None
+        mask[..., 0] = 255
+        mask[..., 1] = 0
+        cv2.imwrite(str(file), mask)
+    assert video.figures(tracks, video.occluded) == before
+    assert before["badja_pck"] < 1
+
+
+def test_a_video_is_what_lies_between_its_first_and_last_line_in_its_own_clip(tmp_path: Path) -> None:
+    """Lines of frames before, behind and of another animal are not read."""
+    truth = write_badja(tmp_path)
+    expected = read_dataset(tmp_path)[ANIMAL]
+    file = tmp_path / "joint_annotations" / f"{ANIMAL}.json"
+    entries = json.loads(file.read_text())
+    strange = {**entries[1], "joints": [[1, 1]] * 37, "visibility": [True] * 37}
+    others = [f"{ANIMAL}/00000.jpg", f"{ANIMAL}/00012.jpg", "bear/00007.jpg"]
+    for number, other in enumerate(others, 1):
+        entries.insert(number, {**strange, "image_path": f"DAVIS/JPEGImages/Full-Resolution/{other}"})
+    write_joints(tmp_path, file.name, entries)
+    video = read_dataset(tmp_path)[ANIMAL]
+    np.testing.assert_array_equal(video.points, expected.points)
+    np.testing.assert_array_equal(video.occluded, expected.occluded)
+    assert truth["numbers"].tolist() == [2, 6, 10]

@@ -142,3 +142,54 @@ def test_a_file_that_would_run_code_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnsafePickleError, match="nothing in it executed"):
         read_dataset(tmp_path)[SEQUENCE]
     assert not (tmp_path / "executed").exists()
+
+
+def changed(root: Path, number: int, **tensors: Any) -> None:
+    """Other values of one frame's tensors."""
+    import torch
+
+    file = root / entries(root)[number]["trajectories"]["path"]
+    torch.save(torch.load(file) | {key: torch.tensor(values) for key, values in tensors.items()}, file)
+
+
+def test_its_own_numbers() -> None:
+    assert (dynamic_replica.FRAMES, dynamic_replica.POINTS) == (300, 256)
+
+
+@pytest.mark.parametrize(
+    ("place", "seen"),
+    [
+        ((0.0, 0.0), True),
+        ((WIDTH - 1.0, HEIGHT - 1.0), True),
+        ((-0.1, 9.0), False),
+        ((9.0, -0.1), False),
+        ((WIDTH - 0.9, 9.0), False),
+        ((9.0, HEIGHT - 0.9), False),
+    ],
+)
+def test_points_are_seen_from_0_to_the_last_pixel(place: tuple[float, float], seen: bool, tmp_path: Path) -> None:
+    truth = write_dynamic_replica(tmp_path)
+    xy = np.tile(np.float32([*place, 1]), (7, 1))
+    changed(tmp_path, 4, traj_2d=xy, verts_inds_vis=np.ones(7, bool))
+    video = read_dataset(tmp_path)[SEQUENCE]
+    assert len(video.occluded) >= (truth["visible"].sum(axis=0) > 11).sum()
+    assert (video.occluded[:, 4] != seen).all()
+
+
+def test_points_are_kept_that_are_seen_in_eleven_frames(tmp_path: Path) -> None:
+    """Of thirteen; where one is hidden its place need not be known."""
+    truth = write_dynamic_replica(tmp_path)
+    for number in range(FRAMES):
+        visible = np.array([True, number > 1, number > 2, number > 3, True, True, True])
+        xy = np.column_stack([truth["xy"][number], np.ones(7)]).astype(np.float32)
+        xy[~visible] = np.nan
+        changed(tmp_path, number, traj_2d=xy, verts_inds_vis=visible)
+    video = read_dataset(tmp_path)[SEQUENCE]
+    assert (~video.occluded).sum(axis=1).tolist() == [13, 11, 13, 13, 13]
+
+
+def test_all_frames_have_as_many_points_as_the_first(tmp_path: Path) -> None:
+    write_dynamic_replica(tmp_path)
+    changed(tmp_path, 1, traj_2d=np.zeros((8, 3)), verts_inds_vis=np.ones(8, bool))
+    with pytest.raises(DatasetError, match=r"N = 7 as in the sequence's first frame, not \[8, 3\] and \[8\]"):
+        read_dataset(tmp_path)[SEQUENCE]

@@ -86,3 +86,25 @@ def test_what_does_not_fit_is_named(changed: dict[str, Any], words: str, tmp_pat
     write_egopoints(tmp_path, **changed)
     with pytest.raises(DatasetError, match=words):
         read_dataset(tmp_path)[NAME]
+
+
+def test_a_point_that_is_seen_where_nobody_knows_is_not_judged(tmp_path: Path) -> None:
+    """In frame 3 the first is seen at no place, the second at one that is no number, of the third nobody says it."""
+    truth = write_egopoints(tmp_path)
+    for key in ("valids", "visibs", "vis_valids"):
+        truth[key][3, :4] = 1
+    truth["valids"][3, 0] = 0
+    truth["trajs_2d"][3, 1:4] = [[np.nan, 9], [8, 9], [10, 11]]
+    truth["vis_valids"][3, 2] = 0
+    write_egopoints(tmp_path, **truth)
+    video = read_dataset(tmp_path)[NAME]
+    assert video.judged is not None
+    assert video.judged[:4, 3].tolist() == [False, False, False, True]
+    assert video.occluded[:4, 3].tolist() == [True, True, True, False]
+    assert video.figures is not None
+    off = video.points * 256
+    off[:3, 3] += 300  # counts of the third alone, whose place is known
+    exact = video.figures(video.points * 256, video.occluded)["egopoints_d_avg"]
+    counted = (truth["valids"][1:] > 0).sum() - 1
+    assert exact == 1
+    assert video.figures(off, video.occluded)["egopoints_d_avg"] == pytest.approx(1 - 1 / counted)

@@ -111,3 +111,37 @@ def test_what_does_not_fit_is_named(changed: dict[str, Any], words: str, tmp_pat
     write_pointodyssey(tmp_path, **changed)
     with pytest.raises(DatasetError, match=words):
         scene(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "valid"),
+    [
+        ((1.0, 1.0), True),
+        ((WIDTH - 2.0, HEIGHT - 2.0), True),
+        ((0.9, 9.0), False),
+        ((9.0, 0.9), False),
+        ((WIDTH - 1.9, 9.0), False),
+        ((9.0, HEIGHT - 1.9), False),
+    ],
+)
+def test_places_are_valid_a_pixel_inside(place: tuple[float, float], valid: bool, tmp_path: Path) -> None:
+    xy = walks(1)
+    xy[3, 0] = place
+    write_pointodyssey(tmp_path, trajs_2d=xy, visibs=np.ones((FRAMES, 1), bool), valids=np.ones((FRAMES, 1)))
+    video = scene(tmp_path)
+    assert video.occluded[0].tolist() == [frame == 3 and not valid for frame in range(FRAMES)]
+
+
+def test_a_place_far_to_the_upper_left_is_brought_to_32_pixels_outside(tmp_path: Path) -> None:
+    xy = walks(1)
+    xy[5, 0] = -90, -33
+    write_pointodyssey(tmp_path, trajs_2d=xy, visibs=np.ones((FRAMES, 1), bool), valids=np.ones((FRAMES, 1)))
+    np.testing.assert_allclose(scene(tmp_path).points[0, 5] * [WIDTH, HEIGHT], [-32, -32])
+
+
+def test_of_both_releases_the_later_is_read(tmp_path: Path) -> None:
+    truth = write_pointodyssey(tmp_path)
+    expected = scene(tmp_path).points
+    code = truth["visibs"].astype(np.uint8)
+    np.savez(tmp_path / SCENE / "annotations.npz", trajs_2d=truth["trajs_2d"] + 1, visibilities=code)
+    np.testing.assert_array_equal(scene(tmp_path).points, expected)

@@ -293,3 +293,65 @@ def test_points_outside_of_the_clip():
 def test_what_is_no_points(ask: Any, queries: Any):
     with pytest.raises(QueryError):
         ask(DeformingTracker(*affine(MATRIX)), queries)
+
+
+def test_an_expected_error_is_a_length():
+    class Told(DeformingTracker):
+        def track(self, queries: Any, frames: Any = None) -> Tracks:
+            tracks = super().track(queries, frames)
+            return replace(tracks, error=np.full(tracks.occluded.shape, 3, np.float32))
+
+    motion = measure_points(Told(*affine(np.eye(2))), [(0, 30, 20)], settings=SETTINGS)
+    error = motion.measured().named("error")
+    assert error.unit == "mm"
+    np.testing.assert_allclose(error.values, 1.5)
+
+
+def test_what_is_said_of_a_point_hidden_in_the_frame_of_reference():
+    """It is marked everywhere, and its velocity is of the frames in which it is seen."""
+    there, back = affine(np.eye(2), (16, 0))
+    tracker = DeformingTracker(there, back, hidden=lambda places, frames: (frames == 4) & (places[..., 0] < 33))
+    motion = measure_points(tracker, [(0, 30, 20), (0, 40, 20)], reference=4)
+    assert motion.measured().named("occluded").values.tolist() == [[True] * 9, [False] * 9]
+    np.testing.assert_allclose(motion.rates.velocity[0, [2, 3, 5, 6]], np.broadcast_to([20, 0], (4, 2)), rtol=1e-4)
+    assert motion.rates.used[0].tolist() == [6, 6, 6, 6, 7, 6, 6, 6, 6]
+
+
+def test_what_a_file_says_of_its_region():
+    motion = measure_region(DeformingTracker(*affine(MATRIX)), region(), settings=SETTINGS)
+    assert motion.measured().settings["points"] == len(region()) > 50
+    assert motion.measured().settings["length_of_a_pixel"] == 0.5
+
+
+def test_a_gauge_is_32_pixels_wide_where_nothing_is_said():
+    assert raster_over(DeformingTracker(*affine(MATRIX)), 0).gauge == (32, 30)  # eight rows of 7.5 pixels
+
+
+@pytest.mark.parametrize("scale", [0.01, 100.0])
+def test_what_is_torn_is_so_in_any_unit(scale: float):
+    """What is right of x = 40 moves by 12 pixels, or by a fifth of one."""
+
+    def parted(places: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        away = np.where(frames[..., None] == 6, 12.0, 0.2 * (frames[..., None] > 0))
+        return places + np.where(places[..., :1] > 40, away, 0.0)
+
+    tracker, settings = DeformingTracker(parted), MeasureSettings(Scale(scale, "mm"))
+    raster = raster_over(tracker, 0, spacing=4, gauge=16)
+    for whole, found in zip(
+        (True, False), measure_maps(tracker, raster, frames=[5, 6], settings=settings), strict=True
+    ):
+        assert np.isfinite(found.deformation).all() == whole
+
+
+@pytest.mark.parametrize(("high", "torn"), [(12, True), (40, False)])
+def test_a_region_is_torn_by_its_narrow_side(high: int, torn: bool):
+    """Sixty pixels wide; one half moves by eight, of which a plane leaves some two."""
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    mask[8 : 8 + high, 10:70] = True
+
+    def parted(places: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        return places + np.where((places[..., :1] > 40) & (frames[..., None] > 0), 8.0, 0.0)
+
+    motion = measure_region(DeformingTracker(parted), region_queries(mask, 0, 3))
+    assert 1.3 < motion.residual[5] < 3.5
+    assert np.isnan(motion.deformation[5]).all() == torn

@@ -10,8 +10,9 @@ import numpy.typing as npt
 import pytest
 
 from decomo_runtime import AnnotationError, Tracks, propagate
+from decomo_runtime.propagation.carrying import Finding
 from decomo_runtime.propagation.outlines import box_around, filled, outlines
-from decomo_runtime.propagation.points import carry_points
+from decomo_runtime.propagation.points import _in_box, _moved, carry_points
 from decomo_runtime.propagation.report import Report
 from decomo_runtime.propagation.rim import Guide
 from decomo_runtime.propagation.shapes import Annotation, Kind, Shape, Thing
@@ -237,3 +238,57 @@ def test_the_rim_goes_to_the_picture_s_edge():
     rim = Guide(small, full)(soft) > 0.5
     assert rim[:, 229:].all()  # of 231
     assert not rim[:, :226].any()
+
+
+def test_points_are_as_sure_as_they_are_in_sight():
+    """One of two is told; it is seen in three frames around."""
+    places = np.array([[5.0, 12.0], [np.nan, np.nan]])
+    placed = carry_points(Fading(3), {0: (places, np.zeros(2, bool))}, np.arange(FRAMES))  # type: ignore[arg-type]
+    assert placed.in_sight.tolist() == placed.confidence.tolist() == [1] * 4 + [0] * 4
+
+
+def test_a_box_grows_as_the_points_in_it_go_apart():
+    """Twice as wide and half as high; along an axis on which they lie within a pixel it only moves."""
+    box = np.array([[0.0, 10], [10, 30]])
+    here = np.stack(np.meshgrid(np.arange(1.0, 10), np.arange(12.0, 29)), axis=-1).reshape(-1, 2)
+    there = here * (2, 0.5) + (5, -3)
+    np.testing.assert_allclose(_moved(box, here, there), box * (2, 0.5) + (5, -3))
+    line = np.stack([np.linspace(4.5, 5.5, 9), np.arange(12.0, 21)], axis=-1)
+    np.testing.assert_allclose(_moved(box, line, line * (9, 2)), [[45 - 5, 32 - 12], [45 + 5, 32 + 28]])
+
+
+@pytest.mark.parametrize(("columns", "own"), [(3, True), (2, False)])
+def test_a_box_is_of_what_moves_in_a_quarter_of_it(columns: int, own: bool):
+    """It has 12 points across its shorter side, and ten columns of which so many are an object's."""
+    tracker = TrueTracker()
+    tracker.on_object = lambda points: np.asarray(points)[:, 1] < columns  # type: ignore[method-assign]
+    queries = _in_box(tracker, np.array([[-0.5, -0.5], [9.5, 19.5]]), 2)  # type: ignore[arg-type]
+    assert (queries[:, 0] == 2).all()
+    assert len(queries) == 20 * (columns if own else 10)
+    assert (queries[:, 1] < columns).all() == own
+
+
+def test_the_worst_frame_of_each_pair_is_told():
+    def finding(frame: int, disagreement: float | None, pair: tuple[int, int], kind: Kind = Kind.MASK) -> Finding:
+        return Finding(frame, 0, kind, False, 1.0, False, 1.0, disagreement, pair)
+
+    found = (
+        finding(1, 0.2, (0, 6)),
+        finding(2, 0.4, (0, 6)),
+        finding(2, 0.9, (3, 6)),
+        finding(3, 0.3, (0, 3)),
+        finding(4, 0.1, (0, 9)),
+        finding(5, None, (0, 7)),
+        finding(6, 30.0, (0, 6), Kind.BOX),
+    )
+    report = Report((Thing(0, "thing"),), found)
+    assert [(each.frame, each.disagreement) for each in report.worst(region=True)] == [(2, 0.9), (2, 0.4), (3, 0.3)]
+    assert [each.frame for each in report.worst(region=False)] == [6]
+
+
+def test_outlines_begin_with_the_largest_and_lie_on_the_pixels():
+    mask = np.zeros((20, 40), bool)
+    mask[2:5, 1:6] = mask[8:16, 20:36] = True
+    large, small = outlines(mask)
+    np.testing.assert_allclose([large.min(axis=0), large.max(axis=0)], [[19.6, 7.6], [35.4, 15.4]], atol=0.05)
+    np.testing.assert_allclose([small.min(axis=0), small.max(axis=0)], [[0.6, 1.6], [5.4, 4.4]], atol=0.05)
