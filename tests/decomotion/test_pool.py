@@ -94,11 +94,6 @@ class TestPacking:
         np.testing.assert_allclose(given[...], xy[:, :, :3], atol=0.0061 * side / 256)
         np.testing.assert_array_equal(first_points(xy, 3), xy[:, :, :3])
 
-    def test_numpy_may_ask_for_a_type(self):
-        packed = PackedPositions(pack(np.ones((2, 3, 4, 2)), 64), 64)
-        assert np.asarray(packed).dtype == np.float32
-        assert np.asarray(packed, np.float64).dtype == np.float64
-
 
 @pytest.mark.parametrize("filtered", [False, True])
 @pytest.mark.parametrize(("frames", "channels"), [(32, 16), (100, 16), (100, 768), (300, 0)])

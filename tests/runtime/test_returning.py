@@ -110,3 +110,21 @@ def test_neighbours_are_of_the_same_owner():
 def test_beyond_the_border_nothing_is_asked():
     """A point hidden a pixel beyond it is taken for one on it, which is farther away than two units, 0.7 pixels."""
     assert asked_at(Remembering(), (-1.0, 30.0), (-1.5, 30.0), on_object=True) == [True, False]
+
+
+@pytest.mark.parametrize(("shared", "frames"), [(34, {0, 8}), (35, {1, 9}), (32, {6})])
+def test_points_are_picked_in_every_fourth_frame_but_the_shared_one(shared: int, frames: set[int]):
+    class Noting(Standing):
+        facts = Remembering.facts
+
+        def track(self, queries: Any, numbers: Any) -> Any:
+            asked.append(set(queries[:, 0].tolist()))
+            assert numbers.tolist() == [shared - BEGIN]
+            return super().track(queries, numbers)
+
+    asked: list[set[float]] = []
+    model: Any = Noting()
+    found, queries = Returning(lambda: model, BEGIN, shared).find(np.float32([[44, 30]]), np.zeros(1, bool))
+    assert found.all()
+    assert asked[0] == frames
+    assert queries[0, 0] - BEGIN in frames
