@@ -126,19 +126,19 @@ def test_what_hides_a_point_is_the_other_volume_s_in_that_frame_alone(model: Dec
 
 
 def test_what_the_model_is_not_sure_of_counts_less(model: DecoMotion, monkeypatch: pytest.MonkeyPatch):
-    """An owner by 0.8 of a ray counts 0.6, and one by 0.1 is the other volume, and counts 0.8."""
+    """The scene that has 0.92 of a ray counts 0.84; where it has 0.1 the ray is the other volume's, and counts 0.8."""
     plainly = see
 
     def unsure(*given: Any) -> Seen:
         seen = plainly(*given)
-        return Seen(seen.xy, np.where(seen.xy[:, 0, 0] < 64, 0.8, 0.1).astype(np.float32))
+        return Seen(seen.xy, np.where(seen.xy[:, 0, 0] < 64, 0.92, 0.1).astype(np.float32))
 
     monkeypatch.setattr("decomotion.corrections.lesson.see", unsure)
     pool, _ = lesson(model, Place(1, *PLACE), Place(3, *PLACE))
     xy = pool.points[0, :RANDOM]
     far = np.linalg.norm(xy - PLACE, axis=-1) > 20
     left = xy[:, 0] < 64
-    assert set(pool.confidence[0, 2, :RANDOM][far & left]) == {153}
+    assert set(pool.confidence[0, 2, :RANDOM][far & left]) == {214}
     assert set(pool.confidence[0, 2, :RANDOM][far & ~left]) == {204}
     assert set(pool.moving[0, :RANDOM][far & left]) == {0}
     assert set(pool.moving[0, :RANDOM][far & ~left]) == {1}
