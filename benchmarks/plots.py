@@ -2,8 +2,8 @@
 
     python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget benchmarks/results/{3m,10m}/cpu \
         --clips car-shadow,dog --baseline benchmarks/results/baselines/chained-dis
-    python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/10m \
-        benchmarks/results/baselines/{chained,linked}-dis
+    python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/seeds/cpu \
+        benchmarks/results/10m/omnimotion benchmarks/results/baselines/{chained,linked}-dis
 """
 
 from __future__ import annotations
@@ -64,17 +64,17 @@ def minutes_and_values(records: Sequence[Record], column: Column) -> list[tuple[
 
 
 def clips_figure(rows: dict[str, list[Record]], column: Column) -> Figure:
-    """A group of bars for each clip, a bar for each row."""
+    """A group of bars for each clip that all rows have, a bar for each row."""
     from matplotlib.figure import Figure
 
     values = {name: by_clip(records, QUERY_MODE) for name, records in rows.items()}
-    clips = sorted({clip for row in values.values() for clip in row})
+    clips = sorted(set.intersection(*(set(row) for row in values.values())))
     figure = Figure(figsize=(max(6.0, 0.35 * len(clips) * (len(rows) + 1)), 4), layout="constrained")
     axes = figure.subplots()
     width = 0.8 / len(rows)
     for number, (name, row) in enumerate(values.items()):
         shift = (number - (len(rows) - 1) / 2) * width
-        heights = {clip: value for clip, each in row.items() if (value := each[column]) is not None}
+        heights = {clip: value for clip in clips if (value := row[clip][column]) is not None}
         axes.bar([clips.index(clip) + shift for clip in heights], list(heights.values()), width, label=name)
     axes.set_xticks(range(len(clips)), clips, rotation=30, ha="right")
     axes.set_ylabel(column.title)
