@@ -112,7 +112,7 @@ def _header_of_jpeg(content: bytes) -> Header | None:
                 return None
             if len(orientations) > 1 or None in orientations:  # of which readers make what they will
                 return None
-            turned = max((each for each in orientations if each), default=1) > LAST_UPRIGHT
+            turned = any((each or 1) > LAST_UPRIGHT for each in orientations)
             return Header(width, height, bits) if turned else Header(height, width, bits)
     return None
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from decomo_runtime.options import OWNERS, Function
+from decomo_runtime.options import OWNERS, Function, file_and_frame
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,7 +38,7 @@ class EditOptions:
     @property
     def files(self) -> list[Path]:
         """That are read."""
-        return [Path(text.rpartition("@")[0]) for text in self.edit]
+        return [file_and_frame(text)[0] for text in self.edit]
 
     def check(self) -> None:
         """`RenderError` where they say nothing together."""

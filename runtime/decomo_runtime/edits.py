@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -25,7 +24,7 @@ from decomo_runtime.errors import RenderError
 from decomo_runtime.footage import FramesByNumber, check_footage
 from decomo_runtime.layers import pixel_queries
 from decomo_runtime.mipmaps import Mipmaps
-from decomo_runtime.options import DYNAMIC, OWNERS, SEEN, STATIC
+from decomo_runtime.options import DYNAMIC, OWNERS, SEEN, STATIC, file_and_frame
 from decomo_runtime.queries import check_frames
 from decomo_runtime.raster import Raster, around
 from decomo_runtime.sampling import sampled
@@ -81,17 +80,16 @@ def read_edit(text: str, on: str = SEEN) -> Edit:
 
     `RenderError` where the text is not of that form, or the file does not decode.
     """
-    name, at, frame = text.rpartition("@")
-    if not at or not name or not frame.isdecimal():
+    path, frame = file_and_frame(text)
+    if frame is None:
         raise RenderError(f"--edit {text} is not PICTURE@T: a PNG with alpha and a frame, such as logo.png@0")
-    path = Path(name)
     try:
         picture = decode_rgba(path.read_bytes())
     except OSError as error:
         raise RenderError(f"--edit {path} cannot be read ({error.strerror}); give a PNG with alpha") from error
     if picture is None:
         raise RenderError(f"--edit {path} does not decode as an image; give a PNG with alpha")
-    return Edit(picture, int(frame), on, str(path))
+    return Edit(picture, frame, on, str(path))
 
 
 def check_edit(edit: Edit, model: ModelFacts) -> None:
