@@ -202,6 +202,6 @@ def opened(
         view.page.goto(address)
         view.wait_until_open()
         yield view
-        assert view.complaints == []
+        assert view.complaints == [], view.complaints
     if refits is not None:
         refits.cancel()
