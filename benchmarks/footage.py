@@ -240,13 +240,15 @@ PARTS: dict[str, Callable[[Task], None]] = {
 }
 
 
-def _budget(time_budget: str | None, steps: int | None) -> Iterator[str]:
+def _budget(time_budget: str | None, steps: int | None, window: str | None) -> Iterator[str]:
     if time_budget is not None and steps is not None:
         raise click.UsageError("give --time-budget or --steps, not both")
     if time_budget is not None:
         yield from ("--time-budget", time_budget)
     if steps is not None:
         yield from ("--steps", str(steps))
+    if window is not None:
+        yield from ("--window", window)
 
 
 @click.command(context_settings={"show_default": True})
@@ -257,7 +259,8 @@ def _budget(time_budget: str | None, steps: int | None) -> Iterator[str]:
 @click.option("--preset", default="cpu")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Of the preset.")
 @click.option("--time-budget", help="Of a fit, as for decomo-train.  [default: decomo-train's]")
-@click.option("--steps", type=click.IntRange(min=1), help="Of a fit, instead of a time.")
+@click.option("--steps", type=click.IntRange(min=1), help="Of each window, instead of a time.")
+@click.option("--window", help="Frames fitted as one, as for decomo-train.  [default: auto]")
 @click.option("--few-steps", default=200, help="Of each window where memory and time are measured.")
 @click.option("--clips", help="Names of the full-length clips, separated by commas.  [default: all]")
 @click.option("--every", default=2, type=click.IntRange(min=1), help="Carry masks at every so many rows and columns.")
@@ -286,6 +289,7 @@ def main(
     overrides: tuple[str, ...],
     time_budget: str | None,
     steps: int | None,
+    window: str | None,
     few_steps: int,
     clips: str | None,
     every: int,
@@ -304,7 +308,7 @@ def main(
         raise click.UsageError(f"{shared / CLIPS} has no clip {', '.join(unknown)}; it has {', '.join(known)}")
     if name == CHAINED:
         raise click.UsageError(f"{CHAINED} names the baseline's records; give another --name")
-    plan = Plan(out, work, name, preset, overrides, tuple(_budget(time_budget, steps)))
+    plan = Plan(out, work, name, preset, overrides, tuple(_budget(time_budget, steps, window)))
     task = Task(shared, plan, few_steps, wanted, every, smaller)
     for part in parts or PARTS:
         PARTS[part](task)

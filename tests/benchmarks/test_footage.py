@@ -6,6 +6,7 @@ import json
 import pickle
 import sys
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import cv2
@@ -252,6 +253,21 @@ def test_parts_share_a_fit_and_are_not_measured_again(
     assert run(footage.main, [str(shared_folder), "--clips", "none", "--out", str(out)]) == 2
     assert "has no clip none; it has sliding" in capsys.readouterr().err
     assert run(footage.main, [*command, "--time-budget", "1m"]) == 2
+
+
+def test_a_fit_of_several_windows(shared_folder: Path, tmp_path: Path):
+    clip = shared_folder / "data" / "davis480p" / "frames" / NAME
+    for frame in sorted(clip.iterdir()):  # back again
+        copyfile(frame, clip / f"{2 * FRAMES - 1 - int(frame.stem):05d}{frame.suffix}")
+    settings = [part for override in (*TINY_CPU, *AFFINE) for part in ("--set", override)]
+    out = tmp_path / "out"
+    command = [str(shared_folder), "--out", str(out), "--work", str(tmp_path / "work"), "--clips", NAME]
+    command += ["--steps", "2", "--window", str(FRAMES), "--smaller", "8", "--part", "removal", *settings]
+    assert run(footage.main, command) == 0
+    fitted = json.loads((out / "default" / "fits" / "sliding.json").read_text())
+    assert fitted["budget"] == f"--steps 2 --window {FRAMES}"
+    assert (fitted["stages"]["train"]["windows"], fitted["stages"]["train"]["steps"]) == (3, 6)
+    assert (out / "default" / "removal" / "sliding.json").is_file()
 
 
 def test_a_stopped_fit_goes_on_and_a_failed_one_does_not_stop_other_parts(
