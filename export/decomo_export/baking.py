@@ -11,15 +11,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from copy import deepcopy
 from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
+from tqdm import tqdm
 
 from decomo_export.frame import FrameModel
 from decomo_export.frozen_rays import FrozenModel, Hit, Part
 from decomo_export.lookup import LookupTable, Raster
+from decomotion.device import choose_device
 from decomotion.geometry import ImagePlane
 from decomotion.model.fusion import DecoMotion, PairConditioning
 from decomotion.pseudo_depth import FAR
@@ -29,8 +32,10 @@ SIDE = 256
 """Longest side of a table's raster: the finest grids of the `cpu` preset have half as many cells."""
 LEVELS = 2**15
 """Codes of each volume."""
-RAYS_AT_ONCE = 1 << 11
-"""So few that their samples stay in a core's cache."""
+RAYS_AT_ONCE = {"cpu": 1 << 11, "cuda": 1 << 15}
+"""By kind of device: so few that their samples stay in a core's cache; so many that a GPU is kept busy."""
+LONG = 5.0
+"""Seconds after which a bar is shown: minutes for the `cpu` preset's longest windows, hours for `paper` on a CPU."""
 
 LARGEST_KEPT = 31 << 20
 """Bytes. Once it has freed a block of that size, glibc keeps smaller ones for the next array; until then it gives each
@@ -70,7 +75,7 @@ class BakedSurfaces(LookupTable):
     """Surfaces from a table of codes, int16 [row, column, frame, channel]; see the module's docstring.
 
     Args:
-        model: what is rendered into the table, by as many threads as torch has.
+        model: what is rendered into the table: on a GPU where there is one, else by as many threads as torch has.
         canonical: whether the table holds canonical positions (three channels) or pseudo-depth (one).
     """
 
@@ -128,29 +133,34 @@ class BakedSurfaces(LookupTable):
     def _render(self, model: DecoMotion) -> tuple[Float[Tensor, "frame channel pixel"], Bool[Tensor, "frame pixel"]]:
         """Values and owners of all pixels of all frames, row by row."""
         raster, count = self.raster, model.num_frames
+        device = torch.device(choose_device("auto"))
+        on_gpu = device.type != "cpu"
+        model = deepcopy(model).to(device) if on_gpu else model
+        at_once = RAYS_AT_ONCE[device.type]
         y, x = torch.meshgrid(torch.arange(raster.height), torch.arange(raster.width), indexing="ij")
-        pixels = ((torch.stack([x, y]).flatten(1) - self.offset) / self.scale).split(RAYS_AT_ONCE, dim=1)
+        pixels = ((torch.stack([x, y]).flatten(1) - self.offset) / self.scale).to(device).split(at_once, dim=1)
         values = torch.empty(count, 3 if self.holds_canonical else 1, x.numel())
         is_static = torch.empty(count, x.numel(), dtype=torch.bool)
         with torch.no_grad():
-            conditioning = model.condition(torch.arange(count))
+            conditioning = model.condition(torch.arange(count, device=device))
 
         @torch.no_grad()
         def render(frame: int) -> None:
-            row = torch.tensor([frame])
+            row = torch.tensor([frame], device=device)
             seen = FrameModel(model, PairConditioning(*(volume.take(row) for volume in conditioning)))
             for part, found, owners in zip(
-                pixels, values[frame].split(RAYS_AT_ONCE, 1), is_static[frame].split(RAYS_AT_ONCE), strict=True
+                pixels, values[frame].split(at_once, 1), is_static[frame].split(at_once), strict=True
             ):
                 hit = seen.hit(part)
                 found.copy_(seen.canonical(part, hit) if self.holds_canonical else hit.values)
                 owners.copy_(hit.is_static)
 
         torch.empty(LARGEST_KEPT, dtype=torch.uint8)
-        threads = torch.get_num_threads()
+        threads = 1 if on_gpu else torch.get_num_threads()
         with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
             try:
-                for _ in pool.map(render, range(count)):
+                rendered = pool.map(render, range(count))
+                for _ in tqdm(rendered, "surfaces", count, leave=False, delay=LONG, disable=None):
                     pass
             finally:
                 pool.shutdown(cancel_futures=True)

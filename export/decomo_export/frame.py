@@ -36,7 +36,7 @@ class FrameVolume:
     def __init__(self, volume: Volume, conditioning: Conditioning, plane: ImagePlane) -> None:
         self.volume, self.conditioning = volume, conditioning
         self.layers = cast(list[CouplingLayer], list(volume.couplings))
-        canonical = torch.eye(3, dtype=torch.float64)
+        canonical = torch.eye(3, dtype=torch.float64, device=conditioning.affine.device)
         axes = [*(layer.basis.double() for layer in self.layers), canonical]
         maps, _ = from_pixels(conditioning.affine.double(), plane)
         self.first = (axes[0] @ maps[0, :3]).float()
@@ -75,7 +75,7 @@ class FrameModel:
     """
 
     def __init__(self, model: DecoMotion, conditioning: PairConditioning) -> None:
-        self.depths = sample_depths(torch.zeros(2), model.config.samples)
+        self.depths = sample_depths(next(model.parameters()).new_zeros(2), model.config.samples)
         self.static, self.dynamic = (
             FrameVolume(volume, rows, model.plane) if isinstance(volume, Volume) else None
             for volume, rows in zip((model.static, model.dynamic), conditioning, strict=True)
@@ -83,7 +83,7 @@ class FrameModel:
 
     def hit(self, xy: Float[Tensor, "2 point"]) -> Hit:
         """Where the rays through pixels `xy` hit the visible surface: its pseudo-depth, and its owner."""
-        nothing = torch.zeros(xy.shape[1], len(self.depths))
+        nothing = xy.new_zeros(xy.shape[1], len(self.depths))
         (static, confidence), (dynamic, _) = (
             (nothing, nothing) if volume is None else volume.density_and_confidence(xy, self.depths)
             for volume in (self.static, self.dynamic)
@@ -93,7 +93,7 @@ class FrameModel:
 
     def canonical(self, xy: Float[Tensor, "2 point"], hit: Hit) -> Float[Tensor, "3 point"]:
         """Canonical positions of what was hit, each in the space of its owner."""
-        found = torch.empty(3, xy.shape[1])
+        found = xy.new_empty(3, xy.shape[1])
         for volume, owned in ((self.static, hit.is_static), (self.dynamic, ~hit.is_static)):
             if volume is not None:
                 found[:, owned] = volume.to_canonical(xy[:, owned], hit.values[:, owned].T)

@@ -257,7 +257,7 @@ def test_parts_share_a_fit_and_are_not_measured_again(
 
 def test_a_fit_of_several_windows(shared_folder: Path, tmp_path: Path):
     clip = shared_folder / "data" / "davis480p" / "frames" / NAME
-    for frame in sorted(clip.iterdir()):  # back again
+    for frame in sorted(clip.iterdir())[FRAMES // 2 :]:  # back again
         copyfile(frame, clip / f"{2 * FRAMES - 1 - int(frame.stem):05d}{frame.suffix}")
     settings = [part for override in (*TINY_CPU, *AFFINE) for part in ("--set", override)]
     out = tmp_path / "out"
@@ -266,7 +266,7 @@ def test_a_fit_of_several_windows(shared_folder: Path, tmp_path: Path):
     assert run(footage.main, command) == 0
     fitted = json.loads((out / "default" / "fits" / "sliding.json").read_text())
     assert fitted["budget"] == f"--steps 2 --window {FRAMES}"
-    assert (fitted["stages"]["train"]["windows"], fitted["stages"]["train"]["steps"]) == (3, 6)
+    assert (fitted["stages"]["train"]["windows"], fitted["stages"]["train"]["steps"]) == (2, 4)
     assert (out / "default" / "removal" / "sliding.json").is_file()
 
 

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 
 import pytest
 import torch
+from torch._subclasses.fake_tensor import FakeTensorMode
 
 from decomo_export import baking
 from decomo_export.baking import BakedSurfaces
 from decomo_export.frame import FrameModel
 from decomo_export.frozen_rays import Hit
-from decomotion.model.fusion import DecoMotion
+from decomotion.model.fusion import DecoMotion, PairConditioning
 from tiny_fit import randomised, tiny_model
 
 
@@ -35,7 +36,7 @@ def test_the_same_table_by_any_number_of_threads_and_rays(
 ):
     both = BakedSurfaces(model, canonical=canonical)
     torch.set_num_threads(1)
-    monkeypatch.setattr(baking, "RAYS_AT_ONCE", 53)
+    monkeypatch.setitem(baking.RAYS_AT_ONCE, "cpu", 53)
     alone = BakedSurfaces(model, canonical=canonical)
     apart = (both.codes.to(torch.int32) - alone.codes).abs()
     assert apart.max() <= 1  # products of other sizes, summed in another order
@@ -76,3 +77,19 @@ def test_a_depth_beyond_the_range_is_its_end_and_stays_with_its_owner(
     assert codes[is_static][[0, -1]].tolist() == [0, 32767]
     assert codes[~is_static][[0, -1]].tolist() == [-1, -32768]
     assert codes[~is_static].diff().max() <= 0
+
+
+@pytest.mark.parametrize(("preset", "overrides"), [("cpu", ()), ("paper", ()), ("cpu", ("model.volumes=static",))])
+def test_a_frame_is_seen_on_the_device_of_its_model(preset: str, overrides: tuple[str, ...]):
+    """All on a GPU that is none: a tensor left on the CPU is an error there too."""
+    model = tiny_model(preset, frames=3, height=18, width=30, overrides=overrides).eval()
+    with FakeTensorMode(allow_non_fake_inputs=True), torch.no_grad():
+        for module in model.modules():
+            for named in (module._parameters, module._buffers):
+                named.update({name: None if held is None else held.to("cuda") for name, held in named.items()})
+        conditioning = model.condition(torch.arange(3, device="cuda"))
+        row = torch.tensor([1], device="cuda")
+        seen = FrameModel(model, PairConditioning(*(volume.take(row) for volume in conditioning)))
+        xy = torch.empty(2, 11, device="cuda")
+        hit = seen.hit(xy)
+        assert (hit.values.device.type, hit.is_static.device.type) == ("cuda", "cuda")
