@@ -268,8 +268,8 @@ def _budget(time_budget: str | None, steps: int | None, window: str | None) -> I
 @click.option(
     "--reference",
     type=click.Path(path_type=Path),
-    default=RESULTS / "10m" / "cpu",
-    show_default="results/10m/cpu",
+    default=RESULTS / "seeds" / "cpu",
+    show_default="results/seeds/cpu",
     help="Records of fits of the first 32 frames.",
 )
 @click.option(
