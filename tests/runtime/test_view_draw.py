@@ -309,6 +309,7 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     colour = view.page.locator("#drawings input[type=color]").input_value()
     tinted = tuple(0.55 * int(colour[at : at + 2], 16) + 0.45 * GREY for at in (1, 3, 5))
     expect_colour(view, *moved(20, 18, 3), tinted)
+    view.wait_until_answered()  # whose the pixels are, too, before a mask is gone on with
     choose(view, "box")
     view.drag((33.5, 20.5), (43.5, 30.5))
     expect_colour(view, *moved(20, 18, 3), tinted)  # goes on from how it was carried
@@ -333,6 +334,7 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     for frame in (0, 2, 3):
         view.seek(frame)
         expect_colour(view, *moved(20, 18, frame - 1), tinted)
+        view.wait_until_answered()
         shown = np.abs(view.pixels() * 1.0 - tinted).max(axis=2) < 30
         shown = cv2.resize(shown.astype(np.uint8), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) > 0
         assert (shown & (carried[frame] > 0)).sum() / (shown | (carried[frame] > 0)).sum() > 0.85

@@ -15,11 +15,11 @@ from refitting import lives, wait_until
 
 WITH_CHILD = """
 import subprocess, sys, time
-child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 print(child.pid, flush=True)
 """
 OBEDIENT = f"{WITH_CHILD}sys.stdin.read(); child.kill(); child.wait()"
-STUBBORN = f"{WITH_CHILD}time.sleep(60)"
+STUBBORN = f"{WITH_CHILD}time.sleep(600)"
 TASKKILL = """#!/bin/sh
 echo "$@" >> "$TASKKILLED"
 for child in $(cat /proc/$4/task/$4/children); do kill -9 $child; done
