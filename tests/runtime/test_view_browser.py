@@ -442,7 +442,6 @@ def test_nothing_of_a_former_model_comes_into_the_one_that_was_opened_meanwhile(
         view.open(other)
         expect(facts).to_contain_text("other · 4 frames of 30")
         view.page.evaluate("goOnReading()")
-        view.wait_until_answered()
         view.page.on("dialog", lambda dialog: (asked.append(dialog.message), dialog.dismiss()))
         view.page.evaluate(HOLD_READING, "again.onnx")
         view.open(Path(again))
