@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Timer
 
@@ -65,6 +65,15 @@ def run_with_all(
             os.killpg(process.pid, signal.SIGKILL)
             raise
     return process.returncode, printed
+
+
+def named_in(text: str) -> list[str]:
+    """The commands of the processes that are given `text`; one that ends meanwhile is none."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found.append(file.read_text(errors="replace").replace("\0", " "))
+    return [each for each in found if text in each]
 
 
 def sleeper(seconds: float) -> subprocess.Popen:

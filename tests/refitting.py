@@ -11,7 +11,7 @@ from typing import Any
 
 from decomo_runtime.view.refit import Refits
 
-SECONDS = 60.0
+SECONDS = 120.0
 
 
 class Bench:

@@ -22,7 +22,7 @@ import click
 from children import sleeper
 from decomotion.files import replacing
 
-SECONDS = 60
+SECONDS = 600
 """After which a fit that nobody lets go on ends."""
 _PATH = click.Path(path_type=Path)
 

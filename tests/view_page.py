@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,16 +12,36 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from decomo_runtime import Tracks
 from decomo_runtime.view.refit import Refits
 from decomo_runtime.view.server import HOST, make_server
 from decomo_runtime.view.site import read_inputs, write_site
+from serving import serving
 
 PATIENCE = 60_000
 """Milliseconds; a busy machine is not a failure."""
 expect.set_options(timeout=PATIENCE)
+TWO_FRAMES = "await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));"
+"""In JavaScript: until what was changed is drawn."""
+COUNT_ASKED = """
+(() => {
+  const [post, end, asked] = [Worker.prototype.postMessage, Worker.prototype.terminate, new Map()];
+  Worker.prototype.postMessage = function (...given) {
+    if (!asked.has(this)) this.addEventListener("message", () => asked.has(this) && asked.set(this, asked.get(this) - 1));
+    asked.set(this, (asked.get(this) ?? 0) + 1);
+    post.apply(this, given);
+  };
+  Worker.prototype.terminate = function () {
+    asked.delete(this);
+    end.call(this);
+  };
+  window.unanswered = () => [...asked.values()].reduce((sum, each) => sum + each, 0);
+})();
+"""
+"""Before the page's own scripts: counts what a model is asked for and has not answered."""
 
 
 def write_grey_clip(folder: Path, height: int, width: int, greys: Sequence[int]) -> Path:
@@ -36,12 +56,34 @@ def write_grey_clip(folder: Path, height: int, width: int, greys: Sequence[int])
 @contextmanager
 def served(folder: Path, refits: Refits | None = None) -> Iterator[str]:
     """The address at which `folder` is served as `decomo-view` does."""
-    with make_server(folder, refits=refits) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        yield f"http://{HOST}:{server.server_address[1]}/" + (f"#token={refits.token}" if refits else "")
-        server.shutdown()
-        thread.join(60)
+    with serving(make_server(folder, refits=refits)) as port:
+        yield f"http://{HOST}:{port}/" + (f"#token={refits.token}" if refits else "")
+
+
+HOLD_READING = """
+(name) => {
+  const [read, former] = [Blob.prototype.arrayBuffer, window.goOnReading];
+  const wait = new Promise((go) => (window.goOnReading = () => go(former?.())));
+  Blob.prototype.arrayBuffer = async function () {
+    if (this.name === name) await wait;
+    return read.call(this);
+  };
+}
+"""
+"""Files of that name are read once the page's `goOnReading` is called."""
+HOLD_ASKING = """
+() => {
+  const [send, held] = [Worker.prototype.postMessage, []];
+  Worker.prototype.postMessage = function (request) {
+    held.push(() => send.call(this, request));
+  };
+  window.goOnAsking = () => {
+    Worker.prototype.postMessage = send;
+    for (const each of held) each();
+  };
+}
+"""
+"""Models are asked once the page's `goOnAsking` is called."""
 
 
 class ViewPage:
@@ -53,11 +95,40 @@ class ViewPage:
         self.stage = page.locator("#stage")
         self.rows = page.locator("#points li")
         self.complaints: list[str] = []
+        self._failed = 0
+        page.set_default_timeout(PATIENCE)
+        page.add_init_script(COUNT_ASKED)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("console", lambda said: self.complaints.append(said.text) if said.type == "error" else None)
 
     def wait_until_open(self) -> None:
         expect(self.page.locator("#loading")).to_be_hidden()
+
+    def begin(self, request: pytest.FixtureRequest) -> None:
+        """Opens the page anew where a test has failed since: nobody knows how that has left it."""
+        if request.session.testsfailed == self._failed:
+            return
+        self._failed = request.session.testsfailed
+        self.page.unroute_all()
+        self.page.reload()
+        self.wait_until_open()
+        self.complaints.clear()
+
+    def wait_for(self, holds: Callable[[], bool], patience: float = PATIENCE) -> None:
+        """Looks again and again, for so many milliseconds at most."""
+        end = time.monotonic() + patience / 1000
+        while not holds():
+            assert time.monotonic() < end, "it never comes true"
+            self.page.wait_for_timeout(50)
+
+    def wait_until_drawn(self) -> None:
+        """What was changed is to be seen, and what is under the pointer is that."""
+        self.page.evaluate(f"async () => {{ {TWO_FRAMES} }}")
+
+    def wait_until_answered(self, patience: float = PATIENCE) -> None:
+        """Whatever the page wants of a model for what it shows, the finest too, is there."""
+        idle = f"async () => {{ if (unanswered() > 0) return false; {TWO_FRAMES} return unanswered() === 0; }}"
+        self.wait_for(lambda: self.page.evaluate(idle), patience)
 
     def on_stage(self, x: float, y: float) -> tuple[float, float]:
         """The place (x, y) in CSS pixels of the stage, from its upper left corner."""
@@ -68,12 +139,14 @@ class ViewPage:
 
     def click(self, x: float, y: float) -> None:
         """Clicks there and waits for the new point."""
+        self.wait_until_drawn()
         count = self.rows.count()
         across, down = self.on_stage(x, y)
         self.stage.click(position={"x": across, "y": down})
         expect(self.rows).to_have_count(count + 1)
 
     def drag(self, *places: tuple[float, float]) -> None:
+        self.wait_until_drawn()
         self.stage.scroll_into_view_if_needed()
         box = self.stage.bounding_box()
         assert box is not None
@@ -93,13 +166,16 @@ class ViewPage:
         expect(corrections).to_have_count(count + 1)
         expect(self.rows.nth(row)).to_have_attribute("aria-current", "true")
 
-    def seek(self, frame: int) -> None:
+    def seek(self, frame: int, is_there: bool = True) -> None:
         self.page.locator("#scrub").fill(str(frame))
-        self.expect_frame(frame)
+        self.expect_frame(frame, is_there)
 
-    def expect_frame(self, frame: int) -> None:
+    def expect_frame(self, frame: int, is_there: bool = True) -> None:
+        """Waits until the frame is gone to and, if `is_there`, shown: another stands in for one that is to come."""
         last = self.page.locator("#scrub").get_attribute("max")
         expect(self.page.locator("#frame-number")).to_have_text(f"{frame} / {last}")
+        if is_there:
+            expect(self.page.locator("#frame")).to_have_attribute("data-shown", str(frame))
 
     def clear(self) -> None:
         if self.rows.count():
@@ -109,8 +185,8 @@ class ViewPage:
     def pixels(self) -> npt.NDArray[np.uint8]:
         """[h, w, 3], what the stage shows, RGB."""
         got = self.page.evaluate(
-            """async () => {
-              await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+            f"async () => {{ {TWO_FRAMES} "
+            + """
               const canvas = document.getElementById("stage");
               const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
               let text = "";
@@ -123,25 +199,48 @@ class ViewPage:
         return np.frombuffer(base64.b64decode(text), np.uint8).reshape(height, width, 4)[..., :3]
 
     def where_drawn(self, row: int = 0) -> tuple[float, float]:
-        """The centre of all that has exactly the colour of the point in that row, in pixels of the clip."""
+        """The centre of what has exactly the colour of the point in that row, in pixels of the clip; NaN: nothing."""
         colour = self.rows.nth(row).locator("input[type=color]").input_value()
         rgb = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
         pixels = self.pixels()
         down, across = np.nonzero((pixels == rgb).all(-1))
-        assert len(down) > 3, f"nothing of colour {colour} is drawn"
+        if len(down) < 4:
+            return float("nan"), float("nan")
         height, width = pixels.shape[:2]
         return (
             float((across.min() + across.max() + 1) / 2 * self.size[0] / width - 0.5),
             float((down.min() + down.max() + 1) / 2 * self.size[1] / height - 0.5),
         )
 
-    def expect_drawn(self, place: tuple[float, float], row: int = 0) -> None:
+    def expect_drawn(self, place: Sequence[float] | npt.NDArray[np.floating], row: int = 0) -> None:
         """Waits until the point in that row is drawn there, within half a pixel of the clip."""
-        for _ in range(PATIENCE // 100):
-            if np.abs(np.subtract(self.where_drawn(row), place)).max() <= 0.5:
-                return
-            self.page.wait_for_timeout(100)
-        np.testing.assert_allclose(self.where_drawn(row), place, atol=0.5)
+        drawn: tuple[float, float] = (0, 0)
+
+        def is_there() -> bool:
+            nonlocal drawn
+            drawn = self.where_drawn(row)
+            return bool(np.abs(np.subtract(drawn, place)).max() <= 0.5)
+
+        self._expect(is_there, lambda: f"the point is drawn at {drawn}, not at {place}")
+
+    def expect_colour(
+        self, x: float, y: float, *colours: Sequence[float] | npt.NDArray[np.floating], apart: float
+    ) -> None:
+        """Waits until a place of the clip shows one of these colours, 0 to 255, within `apart`: it takes its time."""
+        shown = np.zeros(3)
+
+        def is_there() -> bool:
+            nonlocal shown
+            shown = self.colour_at(x, y) * 255
+            return bool(min(np.abs(shown - each).max() for each in colours) <= apart)
+
+        self._expect(is_there, lambda: f"({x}, {y}) shows {shown}, not {colours}")
+
+    def _expect(self, holds: Callable[[], bool], otherwise: Callable[[], str]) -> None:
+        try:
+            self.wait_for(holds)
+        except AssertionError:
+            pytest.fail(otherwise())
 
     def colour_at(self, x: float, y: float) -> npt.NDArray[np.float64]:
         """RGB in [0, 1] of what the stage shows at a place."""

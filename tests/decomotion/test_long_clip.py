@@ -7,14 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from children import child
+from children import child, named_in
 from decomo_runtime import Tracks
 from decomotion import checkpoint, long_clip, record
 from decomotion.cli import main
@@ -24,6 +23,7 @@ from decomotion.errors import CheckpointError, ClipError
 from decomotion.long_clip import ONE_WINDOW, USUAL, read_windows, windows_of
 from decomotion.schedule import Budget
 from decomotion.windows import FILE_NAME
+from refitting import wait_until
 from tiny_fit import AFFINE, TINY_CPU, texture, write_frames
 
 SET_TINY = [part for override in (*TINY_CPU, *AFFINE) for part in ("--set", override)]
@@ -219,16 +219,11 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
     argv = [str(frames), "--steps", "40", *TINY_WINDOWS]
     second = Path("runs/sliding/window-001/checkpoint.pt")
     with child([sys.executable, "-m", "decomotion.cli", *argv]) as fit:
-        deadline = time.monotonic() + 120
-        while not second.is_file() and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(second.is_file)
         fit.send_signal(signal.SIGKILL)
     first = Path("runs/sliding/window-000/checkpoint.pt").stat().st_mtime_ns
+    wait_until(lambda: not named_in(str(frames)))  # the window's own process ends too, before it is done
     assert record.read_record(second.parent).finished is False  # type: ignore[union-attr]
-    time.sleep(1)  # the window's own process ends too
-    begun = second.stat().st_mtime_ns
-    time.sleep(0.5)
-    assert second.stat().st_mtime_ns == begun
     assert main(argv) == 0
     assert Path("runs/sliding/window-000/checkpoint.pt").stat().st_mtime_ns == first
     steps = [checkpoint.load(file).training["step"] for file in sorted(Path("runs/sliding").glob("*/checkpoint.pt"))]

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from decomotion.data.stages import Stage, remove_abandoned, write_whole
+from refitting import wait_until
 
 
 def stage(root: Path, **settings: Any) -> Stage:
@@ -78,10 +79,11 @@ def test_a_folder_without_a_record_is_not_believed(tmp_path: Path):
 def test_two_at_a_time_build_once(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     built = []
     caplog.set_level("INFO")
+    waiting = "another run is preparing the part of this clip; waiting for it"
 
     def slowly(folder: Path) -> dict[str, Any]:
         built.append(folder)
-        time.sleep(0.2)
+        wait_until(lambda: caplog.text.count(waiting) == 2)
         return build(folder)
 
     runs = [threading.Thread(target=lambda: stage(tmp_path).run(slowly)) for _ in range(3)]
@@ -91,7 +93,7 @@ def test_two_at_a_time_build_once(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         run.join(60)
     assert len(built) == 1
     assert stage(tmp_path).finished
-    assert caplog.text.count("another run is preparing the part of this clip; waiting for it") == 2
+    assert caplog.text.count(waiting) == 2
 
 
 def test_what_was_left_long_ago_goes(tmp_path: Path):

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import pytest
 import warm_start
 from children import child, run_with_all
 from docs_pages import ROOT, SOURCES, Block, blocks, missing, write_commands
+from refitting import lives, wait_until
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 SECONDS = 600
@@ -117,10 +117,11 @@ def test_a_tutorial_tells_its_time_and_its_blocks_have_a_language(page: Path):
 
 
 def test_a_block_that_does_not_end_is_ended_with_its_children(environment: dict[str, str], tmp_path: Path):
-    block = Block("sh", "sleep 60 & echo $! > child; wait", 1)
+    block = Block("sh", "sleep 600 & echo $! > child; wait", 1)
     with pytest.raises(subprocess.TimeoutExpired):
-        run(block, environment, tmp_path, seconds=1)
-    assert _ends(int((tmp_path / "child").read_text()))
+        run(block, environment, tmp_path, seconds=3)  # bash has long begun by then
+    process = int((tmp_path / "child").read_text())
+    wait_until(lambda: not lives(process))
 
 
 WARM = """
@@ -130,7 +131,7 @@ def main():
     print(sys.argv[1:], os.environ["SAID"], os.getcwd(), "torch" in sys.modules)
     print("to errors", file=sys.stderr)
     if "wait" in sys.argv:
-        open("children", "w").write(f"{os.getpid()} {subprocess.Popen(['sleep', '60']).pid}")
+        open("children", "w").write(f"{os.getpid()} {subprocess.Popen(['sleep', '600']).pid}")
         os.rename("children", "child")
         os.wait()
     if "fail" in sys.argv:
@@ -153,25 +154,10 @@ def test_a_warm_command_is_like_one_of_its_own(
     assert code == 1
     assert printed.endswith("RuntimeError: no such luck\n")
     with child([*called, "wait"], own) as waiting:
-        while waiting.poll() is None and not Path("child").exists():
-            time.sleep(0.05)
+        wait_until(Path("child").exists)
         waiting.kill()
-        assert all(_ends(int(each)) for each in Path("child").read_text().split())
-
-
-def _ends(process: int) -> bool:
-    for _ in range(100):
-        if not _is_alive(process):
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+        for each in Path("child").read_text().split():
+            wait_until(lambda each=each: not lives(int(each)))
 
 
 def test_lines_are_compared_but_for_their_numbers():

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING
 
 import av
@@ -24,12 +22,13 @@ from decomo_runtime.view.cli import main as view_main
 from decomo_runtime.view.site import write_site
 from decomotion.quality import Figures, Quality
 from decomotion.windows import FILE_NAME, Window, Windows
+from serving import serving
 from tiny_model import VELOCITY, write_tiny_model
 
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened, served, write_grey_clip
+from view_page import HOLD_READING, ViewPage, opened, served, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Route
@@ -58,8 +57,9 @@ def shared_view(chromium: Browser, model: Path, clip: Path, tmp_path_factory: py
 
 
 @pytest.fixture
-def view(shared_view: ViewPage) -> Iterator[ViewPage]:
+def view(shared_view: ViewPage, request: pytest.FixtureRequest) -> ViewPage:
     """The page with the clip, without points, at frame 0."""
+    shared_view.begin(request)
     shared_view.clear()
     shared_view.page.keyboard.press("1")
     shared_view.page.locator("#trails").fill("0")
@@ -71,28 +71,28 @@ def view(shared_view: ViewPage) -> Iterator[ViewPage]:
 def test_click_draws_the_track(view: ViewPage, model: Path, tmp_path: Path):
     view.seek(2)
     view.click(20, 21)
-    np.testing.assert_allclose(view.where_drawn(), (20, 21), atol=0.5)
+    view.expect_drawn((20, 21))
     (query,) = view.tracks(tmp_path).queries
     track = Tracker(model).track([query])
     for frame in range(NUM_FRAMES):
         view.seek(frame)
-        np.testing.assert_allclose(view.where_drawn(), track.xy[0, frame], atol=0.5)
+        view.expect_drawn(track.xy[0, frame])
 
 
 def test_click_is_of_the_frame_that_was_shown_at_its_begin(view: ViewPage, tmp_path: Path):
     """Playing goes on while the button is down."""
     mouse, box = view.page.mouse, view.stage.bounding_box()
     assert box is not None
-    view.seek(1)
     for begin, end in (((20, 21), (20, 21)), ((8, 9), (40, 35))):
+        view.seek(1)
+        count = view.rows.count()
         mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*begin), strict=True)))
         mouse.down()
         mouse.move(*(box[side] + place for side, place in zip("xy", view.on_stage(*end), strict=True)))
         view.page.keyboard.press(".")
         mouse.up()
         view.expect_frame(2)
-        view.page.keyboard.press(",")
-    expect(view.rows).not_to_have_count(1)
+        expect(view.rows).not_to_have_count(count)
     assert set(view.tracks(tmp_path).queries[:, 0]) == {1}
 
 
@@ -103,7 +103,7 @@ def test_disc_in_sight_and_ring_where_hidden(view: ViewPage):
         view.seek(frame)
         x, y = np.array([20, 21]) + frame * np.array(VELOCITY)
         assert (np.abs(view.colour_at(x, y) - colour).max() > 0.05) == hidden
-        np.testing.assert_allclose(view.where_drawn(), (x, y), atol=0.5)
+        view.expect_drawn((x, y))
 
 
 def test_scrubbing_and_keys_show_the_clip_s_own_frames(view: ViewPage):
@@ -125,11 +125,7 @@ def test_scrubbing_and_keys_show_the_clip_s_own_frames(view: ViewPage):
 
 def expect_grey(view: ViewPage, grey: int) -> None:
     """The clip's frame, once it is decoded."""
-    for _ in range(100):
-        if np.abs(view.colour_at(5, 5) * 255 - grey).max() <= 3:
-            return
-        view.page.wait_for_timeout(50)
-    pytest.fail(f"the stage shows {view.colour_at(5, 5) * 255}, not the grey {grey}")
+    view.expect_colour(5, 5, [grey] * 3, apart=3)
 
 
 def test_ten_points_rename_delete_undo(view: ViewPage, tmp_path: Path):
@@ -180,19 +176,14 @@ def test_layers_and_split(view: ViewPage, model: Path):
     }
     for layer, colours in expected.items():
         view.page.get_by_label(layer.capitalize(), exact=True).check(force=True)
-        for _ in range(100):  # the finer rasters follow
-            apart = min(np.abs(view.colour_at(10, 8) - colour).max() for colour in colours)
-            if apart < 0.02:
-                break
-            view.page.wait_for_timeout(50)
-        assert apart < 0.02, layer
+        view.expect_colour(10, 8, *(255 * np.asarray(colour) for colour in colours), apart=5)
     view.page.keyboard.press("1")
     view.page.locator("#split").select_option("mask")
     view.page.locator("#divider").fill("0.5")
-    np.testing.assert_allclose(view.colour_at(5, 8), 120 / 255, atol=0.02)
-    np.testing.assert_allclose(view.colour_at(40, 8), 0.5, atol=0.02)
+    view.expect_colour(40, 8, [127.5] * 3, apart=5)
+    view.expect_colour(5, 8, [120] * 3, apart=5)
     view.page.locator("#split").select_option("nothing")
-    np.testing.assert_allclose(view.colour_at(40, 8), 120 / 255, atol=0.02)
+    view.expect_colour(40, 8, [120] * 3, apart=5)
 
 
 def test_areas_hold_a_grid(view: ViewPage, tmp_path: Path):
@@ -202,6 +193,7 @@ def test_areas_hold_a_grid(view: ViewPage, tmp_path: Path):
     assert sorted({round(float(x)) for x in view.tracks(tmp_path).queries[:, 1]}) == [5, 15, 25]
     view.page.get_by_label("Lasso").check(force=True)
     view.drag((2, 36), (46, 36), (46, 2))
+    expect(view.rows).not_to_have_count(6)
     places = view.tracks(tmp_path).queries[6:, 1:]
     assert len(places) > 2
     assert all(y > 36 - (x - 2) * 34 / 44 - 1 for x, y in places)  # below the diagonal
@@ -384,11 +376,13 @@ def test_a_frame_that_does_not_come_is_said_and_asked_for_again(
         view.page.reload()
         view.expect_alert("Frame 3 of the clip cannot be loaded from where the page lies; start 'decomo-view' again.")
         view.page.unroute("**/clip/00003.jpg")
-        view.seek(3)
-        view.page.wait_for_timeout(2500)
-        view.seek(2)
-        view.seek(3)
-        expect(view.page.locator("#frame")).to_have_attribute("data-shown", "3")
+
+        def comes() -> bool:
+            for frame in (2, 3):
+                view.seek(frame, is_there=False)
+            return view.page.locator("#frame").get_attribute("data-shown") == "3"
+
+        view.wait_for(comes)
         expect_grey(view, 120)
         view.complaints.clear()  # of the browser, that nobody answered
 
@@ -431,6 +425,37 @@ def test_another_model_is_opened_while_an_area_is_tracked(chromium: Browser, mod
         expect(view.page.locator("#alert")).to_be_hidden()
 
 
+def test_nothing_of_a_former_model_comes_into_the_one_that_was_opened_meanwhile(
+    chromium: Browser, model: Path, tmp_path: Path
+):
+    """Neither its points nor its name; and no work is lost that nobody was asked about."""
+    other = write_tiny_model(tmp_path / "other.onnx", num_frames=4, height=20, width=30, clip_name="other")
+    again = shutil.copy(model, tmp_path / "again.onnx")
+    (tmp_path / "points.csv").write_text("t,x,y\n3,20,20\n")
+    asked: list[str] = []
+    with opened(chromium, tmp_path / "site", model) as view:
+        facts, count = view.page.locator("#facts"), view.page.locator("#drawings li")
+        view.page.evaluate(HOLD_READING, "points.csv")
+        view.open(tmp_path / "points.csv")
+        view.page.evaluate(HOLD_READING, "again.onnx")
+        view.open(Path(again), tmp_path / "points.csv")  # is read last, and is not wanted any more
+        view.open(other)
+        expect(facts).to_contain_text("other · 4 frames of 30")
+        view.page.evaluate("goOnReading()")
+        view.page.on("dialog", lambda dialog: (asked.append(dialog.message), dialog.dismiss()))
+        view.page.evaluate(HOLD_READING, "again.onnx")
+        view.open(Path(again))
+        view.page.locator("#new-mask").click()
+        assert asked == []
+        view.page.evaluate("goOnReading()")
+        view.wait_for(lambda: bool(asked))
+        view.wait_until_open()
+        expect(facts).to_contain_text("other · 4 frames of 30")
+        expect(count).to_have_count(1)
+        expect(view.rows).to_have_count(0)
+        expect(view.page.locator("#alert")).to_be_hidden()
+
+
 def test_what_was_set_stays_when_the_trial_of_webgpu_ends_and_when_frames_are_opened(
     chromium: Browser, model: Path, clip: Path, tmp_path: Path
 ):
@@ -444,6 +469,7 @@ def test_what_was_set_stays_when_the_trial_of_webgpu_ends_and_when_frames_are_op
         view.page.locator("#spacing").fill("7")
         view.page.locator("#split").focus()
         view.page.keyboard.press("Tab")
+        view.wait_until_answered()  # then only the cross could go
         with_cross = view.pixels()
         view.page.evaluate("endTrial()")
         np.testing.assert_array_equal(view.pixels(), with_cross)
@@ -507,11 +533,7 @@ def test_a_model_folder_answers_as_the_runtime_does(chromium: Browser, model_fol
         for frame in (3, 40):
             view.seek(frame)
             colour = tracker.sample([(frame, 10.0, 8.0)]).rgb[0]
-            for _ in range(100):
-                if np.abs(view.colour_at(10, 8) - colour).max() < 0.02:
-                    break
-                view.page.wait_for_timeout(50)
-            np.testing.assert_allclose(view.colour_at(10, 8), colour, atol=0.02)
+            view.expect_colour(10, 8, 255 * colour, apart=5)
 
 
 def test_a_point_is_shown_while_windows_far_from_it_are_still_to_come(
@@ -526,12 +548,12 @@ def test_a_point_is_shown_while_windows_far_from_it_are_still_to_come(
         view.page.route(third, lambda route: held.append(route))
         view.seek(2)
         view.click(20, 21)
-        np.testing.assert_allclose(view.where_drawn(), (20, 21), atol=0.5)
+        view.expect_drawn((20, 21))
         expect(view.page.locator("#status")).to_contain_text("Following the point")
         expect(view.page.locator("[data-save='tracks.npz']")).to_be_disabled()
         name = view.rows.nth(0).locator("input[type=text]")
         name.fill("left ey")
-        view.page.wait_for_timeout(100)
+        view.wait_for(lambda: bool(held))
         held.pop().continue_()
         tracks = view.tracks(tmp_path)
         expect(name).to_have_value("left ey")
@@ -606,12 +628,11 @@ def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp
     assert view_main([str(model), "--export", str(tmp_path / "web" / "sub")]) == 0
     handler = partial(QuietHandler, directory=str(tmp_path / "web"))
     with (
-        ThreadingHTTPServer(("127.0.0.1", 0), handler) as server,
+        serving(ThreadingHTTPServer(("127.0.0.1", 0), handler)) as port,
         chromium.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark", has_touch=True) as context,
     ):
-        Thread(target=server.serve_forever, daemon=True).start()
         view = ViewPage(context.new_page(), WIDTH, HEIGHT)
-        view.page.goto(f"http://127.0.0.1:{server.server_address[1]}/sub/")
+        view.page.goto(f"http://127.0.0.1:{port}/sub/")
         view.wait_until_open()
         expect(view.page.locator("#facts")).to_contain_text("without its clip")
         assert not view.page.evaluate("crossOriginIsolated")
@@ -632,7 +653,6 @@ def test_page_without_a_clip_on_a_plain_host(chromium: Browser, model: Path, tmp
         wide = view.page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert wide <= 0, "the page scrolls sideways on a phone"
         assert view.complaints == []
-        server.shutdown()
 
 
 class QuietHandler(SimpleHTTPRequestHandler):

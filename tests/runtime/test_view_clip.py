@@ -43,7 +43,7 @@ REFIT = (
 BLUE = (20, 60, 255)
 
 REFIT_PATIENCE = 400_000
-"""Milliseconds."""
+"""Milliseconds; of a model that is none of a few sums."""
 
 pytestmark = pytest.mark.slow
 
@@ -155,7 +155,7 @@ def test_a_mask_is_carried_as_decomo_propagate_carries_it(view: ViewPage, fit: F
     view.seek(frame)
     y, x = (int(np.median(each)) for each in np.nonzero(fit.masks[frame]))
     choose(view, "box")
-    view.page.wait_for_timeout(3000)  # until it is known finely
+    view.wait_until_answered(REFIT_PATIENCE)  # it is known finely
     view.drag((x - 1, y - 1), (x + 1, y + 1))  # the mask of this frame begins as it is carried here
     expect(view.page.locator("#drawings li .go")).to_have_count(2)
     with zipfile.ZipFile(view.save("masks.zip", tmp_path)) as archive:
@@ -209,9 +209,6 @@ def test_corrected_tracks_are_nearer_to_the_annotation_after_a_refit_and_what_is
         return np.abs(shown - BLUE).max(axis=2) < 60
 
     x, y = np.rint(fit.xy[followed, 30]).astype(int).T
-    for _ in range(40):
-        if blue()[y, x].all():
-            break
-        view.page.wait_for_timeout(500)
+    view.wait_until_answered(REFIT_PATIENCE)
     assert blue()[y, x].all(), blue()[y, x]
     assert blue().mean() < 0.02 * len(followed)

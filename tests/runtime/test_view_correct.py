@@ -18,7 +18,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened, write_grey_clip
+from view_page import HOLD_ASKING, ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Dialog
@@ -51,8 +51,9 @@ def shared_view(chromium: Browser, model: Path, clip: Path, tmp_path_factory: py
 
 
 @pytest.fixture
-def view(shared_view: ViewPage) -> Iterator[ViewPage]:
+def view(shared_view: ViewPage, request: pytest.FixtureRequest) -> ViewPage:
     """The page with the clip, without points, at frame 0."""
+    shared_view.begin(request)
     shared_view.clear()
     shared_view.page.locator("#trails").fill("0")
     shared_view.seek(0)
@@ -115,6 +116,31 @@ def test_each_correction_is_undone_and_the_last_one_of_a_frame_counts(view: View
     view.page.locator("#undo").click()
     view.page.get_by_label("Clear the corrections").click()
     expect(view.page.locator("#corrections li")).to_have_count(0)
+
+
+def test_what_the_model_is_still_asked_for_is_taken_back_and_saved(
+    chromium: Browser, model: Path, clip: Path, tmp_path: Path
+):
+    """By Undo, which leaves alone what was there before; who saves too soon saves all the same."""
+    with opened(chromium, tmp_path / "site", model, clip) as view:
+        view.click(12, 20)
+        view.seek(2)
+        view.move(answer(12, 20, 2), (20, 30))
+        across, down = view.on_stage(40, 8)
+        view.page.evaluate(HOLD_ASKING)
+        view.stage.click(position={"x": across, "y": down})
+        view.page.locator("#undo").click()
+        view.page.evaluate("goOnAsking()")
+        view.wait_until_answered()
+        expect(view.rows).to_have_count(1)
+        expect(view.page.locator("#corrections li")).to_have_count(1)
+        view.page.evaluate(HOLD_ASKING)
+        view.stage.click(position={"x": across, "y": down})
+        with view.page.expect_download() as download:
+            view.page.locator("[data-save='tracks.npz']").click()
+            view.page.evaluate("goOnAsking()")
+        download.value.save_as(tmp_path / "tracks.npz")
+        assert Tracks.load(tmp_path / "tracks.npz").queries[:, 0].tolist() == [0, 2]
 
 
 def test_a_point_dragged_in_its_own_frame_is_followed_from_there(view: ViewPage, tmp_path: Path):
@@ -441,8 +467,9 @@ def test_another_model_is_not_refitted(refitted: ViewPage, bench: Bench, tmp_pat
     bench.let_go()
     page.locator("#refit-begin").click()
     expect(page.locator("#refit-verdict")).to_be_visible()
-    page.once("dialog", lambda dialog: dialog.dismiss())
-    refitted.open(other)
+    with page.expect_event("dialog"):
+        page.once("dialog", lambda dialog: dialog.dismiss())
+        refitted.open(other)
     expect(page.locator("#corrections li")).to_have_count(1)  # unsaved: the page has asked
     expect(page.locator("#facts")).to_contain_text("slide")
     page.once("dialog", lambda dialog: dialog.accept())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import zipfile
@@ -22,7 +23,7 @@ from tiny_model import VELOCITY, write_tiny_model
 pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
 from playwright.sync_api import expect
 
-from view_page import ViewPage, opened, write_grey_clip
+from view_page import HOLD_READING, ViewPage, opened, write_grey_clip
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -76,19 +77,14 @@ def choose(view: ViewPage, tool: str, colour: tuple[int, int, int] | None = None
 
 def press(view: ViewPage, x: float, y: float) -> None:
     """Clicks there with a drawing tool."""
+    view.wait_until_drawn()
     across, down = view.on_stage(x, y)
     view.stage.click(position={"x": across, "y": down})
 
 
 def expect_colour(view: ViewPage, x: float, y: float, colour: tuple[float, ...], apart: int = 20) -> None:
     """At a place of the clip, once the model has answered."""
-    shown = view.colour_at(x, y) * 255
-    for _ in range(200):
-        if np.abs(shown - colour).max() <= apart:
-            return
-        view.page.wait_for_timeout(50)
-        shown = view.colour_at(x, y) * 255
-    pytest.fail(f"({x}, {y}) shows {shown}, not {colour}")
+    view.expect_colour(x, y, colour, apart=apart)
 
 
 def layers(view: ViewPage):
@@ -314,6 +310,7 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     colour = view.page.locator("#drawings input[type=color]").input_value()
     tinted = tuple(0.55 * int(colour[at : at + 2], 16) + 0.45 * GREY for at in (1, 3, 5))
     expect_colour(view, *moved(20, 18, 3), tinted)
+    view.wait_until_answered()  # whose the pixels are, too, before a mask is gone on with
     choose(view, "box")
     view.drag((33.5, 20.5), (43.5, 30.5))
     expect_colour(view, *moved(20, 18, 3), tinted)  # goes on from how it was carried
@@ -338,6 +335,7 @@ def test_a_mask_is_followed_corrected_and_taken_by_decomo_propagate(view: ViewPa
     for frame in (0, 2, 3):
         view.seek(frame)
         expect_colour(view, *moved(20, 18, frame - 1), tinted)
+        view.wait_until_answered()
         shown = np.abs(view.pixels() * 1.0 - tinted).max(axis=2) < 30
         shown = cv2.resize(shown.astype(np.uint8), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) > 0
         assert (shown & (carried[frame] > 0)).sum() / (shown | (carried[frame] > 0)).sum() > 0.85
@@ -408,6 +406,47 @@ def test_a_mask_is_loaded_over_the_frame_that_its_name_tells(view: ViewPage, tmp
     expect(view.page.locator("#play")).to_have_attribute("aria-pressed", "false")
     shown = view.page.locator("#scrub").input_value()
     expect(frames).to_have_text(f"frame {shown}")
+
+
+def test_masks_are_put_in_the_order_in_which_they_were_chosen_over_the_frame_that_was_shown(
+    view: ViewPage, tmp_path: Path
+):
+    """However long each is read; what is done meanwhile stays, and Undo takes back what is on its way."""
+    labels = np.zeros((HEIGHT, WIDTH), np.uint8)
+    for name in ("first.png", "second.png"):
+        labels[4:14, 6:20] = 1
+        cv2.imwrite(str(tmp_path / name), labels)
+        labels = np.roll(labels, 10, axis=1)
+    file, undo = view.page.locator("#mask-file"), view.page.locator("#undo")
+    view.page.evaluate(HOLD_READING, "first.png")
+    view.seek(2)
+    for name in ("first.png", "second.png"):
+        file.set_input_files(str(tmp_path / name))
+    view.seek(5)
+    view.page.evaluate("goOnReading()")
+    expect(view.page.locator("#status")).to_contain_text("second.png: a mask over frame 2, in place of what was drawn")
+    expect(layers(view).locator(".go")).to_have_text("frame 2")
+    undo.click()
+    view.page.evaluate(HOLD_READING, "second.png")
+    file.set_input_files(str(tmp_path / "second.png"))
+    undo.click()
+    view.page.evaluate("goOnReading()")
+    view.wait_until_drawn()
+    expect(layers(view)).to_have_count(1)
+    expect(view.page.locator("#redo")).to_be_enabled()  # the second one, from before
+    file.set_input_files(str(tmp_path / "first.png"))
+    expect(view.page.locator("#status")).to_contain_text("first.png: a mask over frame 2, in place")
+
+
+def test_files_that_change_while_they_are_read_are_told_from_damaged_ones(view: ViewPage, tmp_path: Path):
+    for name, picker in (("mask.png", "#mask-file"), ("sign.png", "#picture-file"), ("project.json", "#files")):
+        (tmp_path / name).write_bytes(b"before")
+        os.utime(tmp_path / name, (1, 1))  # browsers compare whole seconds
+        view.page.evaluate(HOLD_READING, name)
+        view.page.locator(picker).set_input_files(str(tmp_path / name))
+        (tmp_path / name).write_bytes(b"and after")
+        view.page.evaluate("goOnReading()")
+        view.expect_alert(f"{name} cannot be read, or has changed; open it again.")
 
 
 def test_drawn_by_keyboard_alone(view: ViewPage):

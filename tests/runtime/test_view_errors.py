@@ -51,8 +51,9 @@ def shared_view(chromium: Browser, model: Path, tmp_path_factory: pytest.TempPat
 
 
 @pytest.fixture
-def view(shared_view: ViewPage) -> ViewPage:
+def view(shared_view: ViewPage, request: pytest.FixtureRequest) -> ViewPage:
     """The page with the clip, without points, at frame 0."""
+    shared_view.begin(request)
     shared_view.clear()
     shared_view.page.locator("#error-colours").uncheck()
     shared_view.page.locator("#error-heat").uncheck()
@@ -63,11 +64,7 @@ def view(shared_view: ViewPage) -> ViewPage:
 
 def expect_colour(view: ViewPage, x: float, y: float, colour: npt.NDArray[np.float64]) -> None:
     """What the stage shows at a place, 0 to 255, once what is made in the background is there."""
-    for _ in range(100):
-        if np.abs(view.colour_at(x, y) * 255 - colour).max() <= 4:
-            return
-        view.page.wait_for_timeout(50)
-    pytest.fail(f"({x}, {y}) is {view.colour_at(x, y) * 255}, not {colour}")
+    view.expect_colour(x, y, colour, apart=4)
 
 
 def test_tracks_are_coloured_by_what_the_runtime_says(view: ViewPage, model: Path, tmp_path: Path):

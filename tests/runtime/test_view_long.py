@@ -60,24 +60,22 @@ def test_a_frame_that_is_still_to_come_is_stood_in_for(chromium: Browser, tmp_pa
         view.page.route("**/clip/*.jpg", lambda route: held.append(route))
         view.page.goto(address)  # and now no frame comes before it is let through
         view.wait_until_open()
-        for _ in range(100):
-            if len(held) == 3:
-                break
-            view.page.wait_for_timeout(50)
+        view.wait_for(lambda: len(held) >= 3)
         assert [route.request.url[-7:-4] for route in held] == ["000", "001", "002"]  # few at once
         for route in held[:3]:
             route.continue_()
+        view.wait_for(lambda: len(held) == 6)  # the next ones are asked for as these are decoded
         expect(picture).to_have_attribute("aria-busy", "false")
         view.click(30, 11)
         view.page.locator("#scrub").fill("29")
-        view.expect_frame(29)
+        view.expect_frame(29, is_there=False)
         expect(picture).to_have_attribute("aria-busy", "true")
         marked = int(picture.get_attribute("data-shown") or -1)
         view.page.keyboard.press("h")  # of the frame that is seen, which stays
         expect(view.page.locator("#corrections li")).to_contain_text(f"frame {marked}: hidden")
         view.expect_frame(marked)
         view.page.locator("#scrub").fill("30")
-        view.expect_frame(30)
+        view.expect_frame(30, is_there=False)
         expect(picture).to_have_attribute("aria-busy", "true")
         shown = int(picture.get_attribute("data-shown") or -1)
         assert shown <= 5

@@ -26,6 +26,7 @@ from decomo_runtime.view.site import write_site
 from decomotion.clip import read_clip
 from decomotion.windows import FILE_NAME, Windows, split
 from refitting import Bench, lives, wait_until
+from serving import serving
 from tiny_model import write_tiny_model
 
 CORRECTIONS = b"t,x,y,target_t,target_x,target_y\n1,10,12,3,14,18\n1,10,12,4,,\n"
@@ -225,12 +226,8 @@ def ask(
 
 @pytest.fixture
 def port(refits: Refits, site: Path) -> Iterator[int]:
-    with make_server(site, refits=refits) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        yield server.server_address[1]
-        server.shutdown()
-        thread.join(60)
+    with serving(make_server(site, refits=refits)) as port:
+        yield port
 
 
 def test_requests_begin_watch_cancel_and_decide(bench: Bench, refits: Refits, port: int):
@@ -294,9 +291,5 @@ def test_unknown_actions_and_a_server_without_a_run(refits: Refits, port: int, s
     assert ask(port, refits.token, "GET", path="/refit/take")[0] == 404
     assert ask(port, refits.token, path="/elsewhere")[0] == 501
     assert ask(port, refits.token, "OPTIONS")[0] == 501  # what a browser asks for a page elsewhere
-    with make_server(site) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        assert ask(server.server_address[1], refits.token)[0] == 501
-        server.shutdown()
-        thread.join(60)
+    with serving(make_server(site)) as other:
+        assert ask(other, refits.token)[0] == 501

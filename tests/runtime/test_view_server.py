@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import Mock
@@ -12,6 +11,7 @@ import pytest
 
 from decomo_runtime import ViewError
 from decomo_runtime.view.server import CONTENT_SECURITY_POLICY, HOST, Handler, make_server
+from serving import serving
 
 
 @pytest.fixture
@@ -29,16 +29,12 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def port(folder: Path) -> Iterator[int]:
-    with make_server(folder) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        yield server.server_address[1]
-        server.shutdown()
-        thread.join(60)
+    with serving(make_server(folder)) as port:
+        yield port
 
 
 def ask(port: int, path: str, method: str = "GET", host: str | None = None) -> tuple[http.client.HTTPResponse, bytes]:
-    connection = http.client.HTTPConnection(HOST, port, timeout=10)
+    connection = http.client.HTTPConnection(HOST, port, timeout=60)
     connection.putrequest(method, path, skip_host=True)
     connection.putheader("Host", host or f"{HOST}:{port}")
     connection.endheaders()

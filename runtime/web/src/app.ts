@@ -4,6 +4,7 @@ import type { ClipRecord } from "./clip";
 import { Comparison, type Side } from "./comparison";
 import { type Draft, Document, type Point, withoutPoint } from "./document";
 import type { Scene } from "./draw";
+import type { Drawing } from "./drawings";
 import { Following } from "./following";
 import type { Place } from "./geometry";
 import { LAYERS, type Layer } from "./layers";
@@ -76,16 +77,16 @@ export class App {
 
   /**
    * Opens a model, or the `windows.json` of several; the former one and its points go, and the clip where it is not the
-   * new model's.
+   * new model's. False where they stay: another model was asked for meanwhile, or they may not go when it comes to it.
    */
-  async openModel(path: string, files: Files): Promise<void> {
+  async openModel(path: string, files: Files, mayGo: () => boolean = () => true): Promise<boolean> {
     const turn = ++this.opening;
     this.view.loading(`Opening ${path} …`);
     try {
       const model = await Model.open(path, files);
-      if (turn !== this.opening) {
+      if (turn !== this.opening || !mayGo()) {
         model.close();
-        return;
+        return false;
       }
       this.comparison.drop();
       this.files = files;
@@ -100,6 +101,7 @@ export class App {
       if (turn === this.opening) this.view.loading(undefined);
     }
     this.show();
+    return true;
   }
 
   /** Opens a refitted model of the same clip beside the one that is open. */
@@ -133,15 +135,32 @@ export class App {
     this.onClip();
   }
 
-  /** Asks the model for the tracks of `drafts` and puts the points on the list, as one step. */
-  async addPoints(drafts: readonly Draft[]): Promise<void> {
-    const added = await this.following.add(drafts);
+  /** Puts on top what a file holds of points and drawings, as one step: the points as soon as the model follows them. */
+  async addContent(drafts: readonly Draft[], drawings: readonly Omit<Drawing, "id">[]): Promise<void> {
+    const layers = (): Drawing[] => this.sketch.layersOf(drawings);
+    if (drafts.length > 0) await this.addPoints(drafts, layers);
+    else this.document.add([], layers());
+  }
+
+  /** Asks the model for the tracks of `drafts` and puts the points on the list, with `layers` if there are, as one step. */
+  async addPoints(drafts: readonly Draft[], layers?: () => readonly Drawing[]): Promise<void> {
+    const added = await this.following.add(drafts, layers);
     await this.comparison.complete();
     if (added) this.view.answered(`${added.found}; answered in ${Math.round(added.milliseconds)} ms.`, added.milliseconds);
   }
 
   addAt(place: Place, t: number): Promise<void> {
     return this.addPoints([{ t, ...place }]);
+  }
+
+  /** Whether points are asked for that are not there yet. */
+  get isAsking(): boolean {
+    return this.following.isAsking;
+  }
+
+  /** Waits for them. */
+  settled(): Promise<void> {
+    return this.following.settled();
   }
 
   /** A grid of points in `polygon` of frame t, `spacing` pixels apart. */
@@ -154,7 +173,7 @@ export class App {
     const point = this.pointOf(id);
     if (point === undefined) return;
     this.select(id);
-    await this.following.correct(point, place, t);
+    if (!(await this.following.correct(point, place, t))) return;
     this.view.status(`${point.name} is at (${place.x}, ${place.y}) in frame ${t}.`);
     await this.comparison.complete();
   }

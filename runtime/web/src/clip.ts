@@ -1,6 +1,7 @@
 /** The clip's own frames, decoded one by one and kept as long as there is room. */
 
 import { checkDepth } from "./depth";
+import { OPEN_AGAIN, contentOf } from "./files/content";
 import { InputError, type ModelFacts } from "./model/facts";
 import { frameOrder } from "./order";
 
@@ -58,14 +59,14 @@ export class Clip {
     const named = new Map(files.map((file) => [file.name, file]));
     const ordered = frameOrder(files.map(({ name }) => name)).flatMap((name) => named.get(name) ?? []);
     const [first] = ordered;
-    const picture = first && (await createImageBitmap(first).catch(() => undefined));
+    const picture = first && (await createImageBitmap(await blobOf(first)).catch(() => undefined));
     if (first === undefined || picture === undefined) {
       throw new InputError(`${first?.name ?? "the clip"} does not decode as an image; give the frames of the clip.`);
     }
     checkClip(`the clip of ${first.name}`, ordered.length, picture, facts);
     picture.close();
     await checkDepth(ordered);
-    return new Clip(ordered.length, facts, async (frame) => ordered[frame] ?? first, onFrame, onError);
+    return new Clip(ordered.length, facts, (frame) => blobOf(ordered[frame] ?? first), onFrame, onError);
   }
 
   /** The frame if it is decoded; if not, it will be, those after it next, and then the others that there is room for. */
@@ -151,6 +152,9 @@ export class Clip {
     }
   }
 }
+
+/** What a file holds now, so that one that has changed is told from one that is no image. */
+const blobOf = async (file: File): Promise<Blob> => new File([await contentOf(file, file.name, OPEN_AGAIN)], file.name);
 
 /** `InputError` where a clip has not the length or size of the one that the model was fitted to. */
 export function checkClip(name: string, length: number, size: { width: number; height: number }, facts: ModelFacts): void {

@@ -43,12 +43,16 @@ export class Comparison {
   /** Asks the refitted model for what it has not answered yet, of points that undo and redo can bring too. */
   async complete(): Promise<void> {
     const { candidate } = this;
-    if (candidate === undefined) return;
-    const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
-    if (missing.length === 0) return;
-    const answer = await candidate.model.track(queriesOf(missing));
-    candidate.answers.set(missing, splitTracks(answer, missing, candidate.model.facts));
-    this.onChange();
+    while (candidate !== undefined) {
+      const missing = this.document.everyPoint().filter((point) => candidate.answers.get(point) === undefined);
+      if (missing.length === 0) return;
+      const answer = await candidate.model.track(queriesOf(missing)).catch((error: unknown) => {
+        if (candidate === this.candidate) throw error;
+      });
+      if (answer === undefined || candidate !== this.candidate) return;
+      candidate.answers.set(missing, splitTracks(answer, missing, candidate.model.facts));
+      this.onChange();
+    }
   }
 
   /** Gives the refitted model away, all points answered; undefined where there is none. */

@@ -1,5 +1,6 @@
 /** Frames in files of 16 bits, whose values may need fewer: `decomotion/frame_files.py` scales them, browsers do not. */
 
+import { OPEN_AGAIN, contentOf } from "./files/content";
 import { InputError } from "./model/facts";
 
 /** Bits that cameras and renderers give to a value. */
@@ -31,7 +32,7 @@ export async function checkDepth(files: readonly File[]): Promise<void> {
 const bitsOf = (highest: number): number | undefined => DEPTHS.find((bits) => highest <= 2 ** (bits - 8));
 
 async function hasDeepValues(file: File): Promise<boolean> {
-  const head = new Uint8Array(await file.slice(0, BITS_AT + 1).arrayBuffer());
+  const head = await contentOf(file.slice(0, BITS_AT + 1), file.name, OPEN_AGAIN);
   return PNG.every((byte, at) => head[at] === byte) && head[BITS_AT] === 16;
 }
 

@@ -1,6 +1,6 @@
 /** What the user did, and nothing else: one content with one history. What follows from it, tracks above all, is derived. */
 
-import { type Drawing, freeLabel } from "./drawings";
+import { type Drawing, freeLabel, withoutDrawing } from "./drawings";
 import type { Place } from "./geometry";
 
 /** A query: the point seen at (x, y) of frame t. */
@@ -41,12 +41,20 @@ export interface Content {
   readonly drawings: readonly Drawing[];
 }
 
+/** Something that the user asked for and that is not in the content yet: a model answers, or a file is read. */
+export type Coming = symbol;
+
+/** What is work of the hand. */
+const PARTS = ["corrections", "drawings"] as const;
+
 const EMPTY: Content = { points: [], corrections: [], drawings: [] };
 
 /** The content, and the way back: each change is one step that can be undone. */
 export class Document {
   private readonly past: Content[] = [];
   private readonly future: Content[] = [];
+  /** What was asked for last is last. */
+  private readonly coming = new Set<Coming>();
   private current = EMPTY;
   /** What would be there again from a file. */
   private kept: Pick<Content, "corrections" | "drawings"> = EMPTY;
@@ -72,7 +80,7 @@ export class Document {
   }
 
   get canUndo(): boolean {
-    return this.past.length > 0;
+    return this.past.length > 0 || this.coming.size > 0;
   }
 
   get canRedo(): boolean {
@@ -81,11 +89,15 @@ export class Document {
 
   /** Whether work of the hand, which corrections and drawings are, would be lost with the page. */
   get isUnsaved(): boolean {
-    return (["corrections", "drawings"] as const).some((part) => this.current[part].length > 0 && this.current[part] !== this.kept[part]);
+    return PARTS.some((part) => this.isUnsavedIn(part));
+  }
+
+  private isUnsavedIn(part: (typeof PARTS)[number]): boolean {
+    return this.current[part].length > 0 && this.current[part] !== this.kept[part];
   }
 
   /** A part of it is in a file now. */
-  keep(...parts: readonly ("corrections" | "drawings")[]): void {
+  keep(...parts: readonly (typeof PARTS)[number][]): void {
     for (const part of parts) this.kept = { ...this.kept, [part]: this.current[part] };
   }
 
@@ -111,11 +123,35 @@ export class Document {
     this.onChange();
   }
 
+  /** Something is on its way into the content. Until it arrives it is what `undo` takes back: it came after all that is there. */
+  expect(): Coming {
+    const coming = Symbol();
+    this.coming.add(coming);
+    this.onChange();
+    return coming;
+  }
+
+  /** Whether it is still wanted: false once it was taken back, or another model was opened. */
+  isExpected(coming: Coming): boolean {
+    return this.coming.has(coming);
+  }
+
+  /** It is there, and may be put into the content at once; false where it is not wanted any more. */
+  arrive(coming: Coming): boolean {
+    return this.coming.delete(coming);
+  }
+
+  /** It will not come, if it has not. */
+  giveUp(coming: Coming): void {
+    if (this.arrive(coming)) this.onChange();
+  }
+
   /**
-   * Adds points, and what is given of them, as one step; returns those that are new. A nameless draft with givens is
-   * the point of the list that has its query, where there is one.
+   * Adds points, what is given of them, and layers on top as one step; returns the points that are new. A nameless draft
+   * with givens is the point of the list that has its query, where there is one. Givens and layers are from a file: they
+   * are as unsaved as what was there before.
    */
-  add(drafts: readonly Draft[]): readonly Point[] {
+  add(drafts: readonly Draft[], layers: readonly Drawing[] = []): readonly Point[] {
     const added: Point[] = [];
     const corrections: Correction[] = [];
     for (const draft of drafts) {
@@ -124,21 +160,30 @@ export class Document {
       if (joined === undefined) added.push(point);
       corrections.push(...(draft.given ?? []).map((given) => ({ ...given, point: point.id })));
     }
-    this.change((content) => corrections.reduce(corrected, { ...content, points: [...content.points, ...added] }));
+    const saved = PARTS.filter((part) => !this.isUnsavedIn(part));
+    this.change((content) => {
+      const drawings = layers.length > 0 ? [...content.drawings, ...layers] : content.drawings;
+      return corrections.reduce(corrected, { ...content, drawings, points: [...content.points, ...added] });
+    });
+    this.keep(...saved);
     return added;
   }
 
+  /** Takes back what is on its way, the last first, or else the last step. */
   undo(): void {
-    this.step(this.past, this.future);
+    const last = [...this.coming].at(-1);
+    if (last === undefined) this.step(this.past, this.future);
+    else this.giveUp(last);
   }
 
   redo(): void {
     this.step(this.future, this.past);
   }
 
-  /** Removes points, and what is given of them, as if they had never been added. */
-  forget(points: readonly Point[]): void {
-    const without = (content: Content): Content => points.reduce((left, { id }) => withoutPoint(left, id), content);
+  /** Removes points, what is given of them, and layers as if they had never been added. */
+  forget(points: readonly Point[], layers: readonly Drawing[] = []): void {
+    const withoutPoints = (content: Content): Content => points.reduce((left, { id }) => withoutPoint(left, id), content);
+    const without = (content: Content): Content => layers.reduce((left, { id }) => withoutDrawing(left, id), withoutPoints(content));
     for (const contents of [this.past, this.future]) contents.forEach((content, step) => (contents[step] = without(content)));
     this.current = without(this.current);
     this.onChange();
@@ -147,6 +192,7 @@ export class Document {
   /** Forgets all, history included: another model was opened. */
   reset(): void {
     this.past.length = this.future.length = 0;
+    this.coming.clear();
     this.current = EMPTY;
     this.lastId = this.lastDrawing = 0;
     this.onChange();

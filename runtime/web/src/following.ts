@@ -1,6 +1,7 @@
 /** Points: asked of the open model, and put into the document, moved or corrected there. */
 
 import { type Document, type Draft, type Point, changed, corrected } from "./document";
+import type { Drawing } from "./drawings";
 import { type Place, clampPlace, gridCells, gridInside, roundPlace } from "./geometry";
 import type { Model } from "./model/client";
 import { InputError } from "./model/facts";
@@ -25,6 +26,11 @@ export class Following {
   private answers = new Answers();
   /** Askings whose points are on the list while more of their tracks is to come. */
   private unfinished = 0;
+  /** What goes on, to be waited for. */
+  private readonly askings = new Set<Promise<unknown>>();
+  private lastMove = 0;
+  /** By the ids of points, the last move that was made. */
+  private readonly moves = new Map<number, number>();
 
   constructor(
     private readonly document: Document,
@@ -33,6 +39,16 @@ export class Following {
 
   get isUnfinished(): boolean {
     return this.unfinished > 0;
+  }
+
+  /** Whether a model is being asked for points. */
+  get isAsking(): boolean {
+    return this.askings.size > 0;
+  }
+
+  /** Waits until all that was asked for is there. */
+  async settled(): Promise<void> {
+    while (this.isAsking) await Promise.allSettled(this.askings);
   }
 
   /** Asks another model from now on, whose `answers` may be known in part. */
@@ -47,43 +63,64 @@ export class Following {
 
   /**
    * Asks the model for the tracks of `drafts` and puts the points on the list, as one step: as soon as the first window
-   * has answered, and with more of their tracks as the others do. Returns what is to be said of it, and how long it took;
-   * undefined where another model was opened meanwhile.
+   * has answered, and with more of their tracks as the others do; with the first of them the `layers` of their file. Returns
+   * what is to be said of it, and how long it took; undefined where it was taken back, or another model opened, meanwhile.
    */
-  async add(drafts: readonly Draft[]): Promise<{ found: string; milliseconds: number } | undefined> {
+  add(drafts: readonly Draft[], layers?: () => readonly Drawing[]): Promise<{ found: string; milliseconds: number } | undefined> {
+    return this.noted(this.addNow(drafts, layers));
+  }
+
+  private noted<T>(asking: Promise<T>): Promise<T> {
+    const done = (): boolean => this.askings.delete(asking);
+    this.askings.add(asking);
+    asking.then(done, done);
+    return asking;
+  }
+
+  private async addNow(drafts: readonly Draft[], layers: () => readonly Drawing[] = () => []): Promise<{ found: string; milliseconds: number } | undefined> {
     const { model } = this;
     if (model === undefined || drafts.length === 0) return undefined;
     const { numFrames, occlusionThreshold } = model.facts;
     const start = performance.now();
     const what = drafts.length === 1 ? "the point" : `${drafts.length} points`;
-    const onProgress = (share: number): void => {
-      if (share < 1 && model === this.model) this.events.onProgress(`Following ${what} … ${Math.round(100 * share)} %`);
-    };
+    const coming = this.document.expect();
     let begun = false;
+    const onProgress = (share: number): void => {
+      if (share < 1 && model === this.model && (begun || this.document.isExpected(coming))) this.events.onProgress(`Following ${what} … ${Math.round(100 * share)} %`);
+    };
+    // A refitted model was taken meanwhile: what the document waits for is asked of that one.
+    const again = (): ReturnType<Following["add"]> | undefined => (this.document.isExpected(coming) ? this.addNow(drafts, layers) : undefined);
     let added: readonly Point[] = [];
+    let drawn: readonly Drawing[] = [];
     const onPart = (part: Tracked): void => {
-      if (model !== this.model) return;
+      if (model !== this.model || (!begun && !this.document.arrive(coming))) return;
       this.answers.set(drafts, splitTracks(part, drafts, model.facts));
       if (begun) return this.events.onAnswers();
       begun = true;
       this.unfinished++;
-      added = this.document.add(drafts);
+      drawn = layers();
+      added = this.document.add(drafts, drawn);
       const [first] = added;
       if (first !== undefined) this.events.onAdded(first.id);
     };
     let answer: Tracked;
     try {
       answer = await model.track(queriesOf(drafts), onProgress, onPart);
+      if (model !== this.model) return again();
     } catch (error) {
-      if (model !== this.model) return undefined;
-      this.document.forget(added);
+      if (model !== this.model) return again();
+      this.document.forget(added, drawn);
       throw error;
     } finally {
+      this.document.giveUp(coming);
       if (begun) this.unfinished--;
       this.events.onAnswers();
     }
     const [first] = added;
-    if (first === undefined || model !== this.model) return undefined;
+    if (first === undefined) {
+      this.events.onProgress(""); // nothing goes on any more
+      return undefined;
+    }
     const seen = answer.occlusion.filter((score) => score <= occlusionThreshold).length;
     const found =
       added.length === 1
@@ -107,10 +144,14 @@ export class Following {
     return places.map((place) => ({ t, ...place }));
   }
 
-  /** Says that a point is at `place` in frame t; in the frame in which it was placed, it is placed there instead. */
-  async correct(point: Point, place: Place, t: number): Promise<void> {
-    if (t === point.t) await this.move(point, place);
-    else this.document.change((content) => corrected(content, { point: point.id, t, place }));
+  /**
+   * Says that a point is at `place` in frame t; in the frame in which it was placed, it is placed there instead. False where
+   * that was taken back meanwhile.
+   */
+  async correct(point: Point, place: Place, t: number): Promise<boolean> {
+    if (t === point.t) return this.noted(this.move(point, place));
+    this.document.change((content) => corrected(content, { point: point.id, t, place }));
+    return true;
   }
 
   /** Says that a point is hidden in frame t, or in sight where it is shown; `InputError` in the frame in which it was placed. */
@@ -123,17 +164,27 @@ export class Following {
     this.document.change((content) => corrected(content, { point: point.id, t, place: hidden ? null : shown }));
   }
 
-  /** Places a point elsewhere in its own frame, and follows it from there. */
-  private async move({ id, t }: Point, place: Place): Promise<void> {
+  /** Places a point elsewhere in its own frame, and follows it from there; of two moves the later one holds. */
+  private async move({ id, t }: Point, place: Place): Promise<boolean> {
     const { model } = this;
-    if (model === undefined) return;
+    if (model === undefined) return false;
+    const number = ++this.lastMove;
     const query = { t, ...place };
-    if (this.answers.get(query) === undefined) {
-      const answer = await model.track(queriesOf([query]));
-      if (model !== this.model) return;
-      this.answers.set([query], splitTracks(answer, [query], model.facts));
+    const coming = this.document.expect();
+    try {
+      if (this.answers.get(query) === undefined) {
+        const answer = await model.track(queriesOf([query]));
+        if (model !== this.model) return false;
+        this.answers.set([query], splitTracks(answer, [query], model.facts));
+      }
+      const isThere = this.document.points.some((point) => point.id === id);
+      if (!isThere || number < (this.moves.get(id) ?? 0) || !this.document.arrive(coming)) return false;
+      this.moves.set(id, number);
+      this.document.change((content) => changed(content, id, place));
+      return true;
+    } finally {
+      this.document.giveUp(coming);
     }
-    this.document.change((content) => changed(content, id, place));
   }
 }
 

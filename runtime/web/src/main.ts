@@ -46,7 +46,7 @@ async function openSite(): Promise<void> {
   }
   const site = readSite(await response.text());
   await app.openModel(site.model, beside);
-  if (site.clip) app.openServedClip(site.clip);
+  if (site.clip && app.files === beside) app.openServedClip(site.clip);
   if (site.refit) new RefitPanel(app, view, new Refits(), beside);
 }
 

@@ -19,6 +19,8 @@ export class Pictures {
   split: Layer | undefined;
   splitAt = 0.5;
   private clip: Clip | undefined;
+  /** Of the clips that were asked for. */
+  private opening = 0;
   private facts: ModelFacts | undefined;
   private renderer: LayerRenderer | undefined;
   private heatMaps: HeatMaps | undefined;
@@ -70,10 +72,14 @@ export class Pictures {
     this.setClip(new Clip(record.frames.length, this.facts, load, () => this.onPicture(), this.onError));
   }
 
-  /** Shows image files as the clip; `InputError` where they are not the model's. */
+  /** Shows image files as the clip, unless another was asked for meanwhile; `InputError` where they are not the model's. */
   async openFiles(files: readonly File[]): Promise<void> {
     if (this.facts === undefined) throw new InputError("Open a model before the frames of its clip.");
-    this.setClip(await Clip.fromFiles(files, this.facts, () => this.onPicture(), this.onError));
+    const turn = ++this.opening;
+    const clip = await Clip.fromFiles(files, this.facts, () => this.onPicture(), this.onError);
+    if (turn !== this.opening) return clip.close();
+    clip.check(this.facts); // another model may be open by now
+    this.setClip(clip);
   }
 
   available(layer: Layer): boolean {

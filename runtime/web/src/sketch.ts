@@ -116,9 +116,8 @@ export class Sketch {
     this.document.change((content) => marked(content, drawing, []));
   }
 
-  /** Adds the layers of a project on top; a mask whose number one that is there has gets another. */
-  open(drawings: readonly Omit<Drawing, "id">[]): void {
-    if (drawings.length === 0) return;
+  /** The layers of a project, to be put on top; a mask whose number one that is there has gets another. */
+  layersOf(drawings: readonly Omit<Drawing, "id">[]): Drawing[] {
     const masks = (all: readonly Omit<Drawing, "id">[]): number[] => all.filter(({ kind }) => kind === "mask").map(({ label }) => label);
     const there = masks(this.document.drawings);
     const taken = [...there, ...masks(drawings)];
@@ -128,8 +127,7 @@ export class Sketch {
       taken.push(free);
       return free;
     };
-    const added = drawings.map((each) => this.document.newDrawing(each.kind, each.on, { ...each, label: labelOf(each) }));
-    this.document.change((content) => ({ ...content, drawings: [...content.drawings, ...added] }));
+    return drawings.map((each) => this.document.newDrawing(each.kind, each.on, { ...each, label: labelOf(each) }));
   }
 
   /** Takes masks over frame t from labels, each pixel's object or 0: of the objects that are there, that is their mask now. Returns how many, and the names of those that were drawn there before. */

@@ -46,6 +46,20 @@ describe("frames of a clip", () => {
     await expect(mixed).rejects.toThrow("shot.jpg and shot.png differ in their ending alone");
   });
 
+  it("that have changed since they were chosen are told from what is no image", async () => {
+    vi.stubGlobal("createImageBitmap", async () => ({ width: 8, height: 4, close: () => undefined }));
+    const facts = { clipName: "slide", numFrames: 2, width: 8, height: 4 } as ModelFacts;
+    const files = ["0.png", "1.png"].map((name) => new File([], name));
+    const clip = await Clip.fromFiles(files, facts, () => undefined, () => undefined);
+    const refuse = async (): Promise<never> => {
+      throw new DOMException("The requested file could not be read", "NotReadableError");
+    };
+    for (const file of files) Object.assign(file, { arrayBuffer: refuse });
+    const sentence = "cannot be read, or has changed; open the frames of the clip again.";
+    await expect(clip.wait(1)).rejects.toThrow(`1.png ${sentence}`);
+    await expect(Clip.fromFiles(files, facts, () => undefined, () => undefined)).rejects.toThrow(`0.png ${sentence}`);
+  });
+
   it("come all, once, with the first that is shown, it and those after it before the others", async () => {
     const { clip, asked } = opened(40, 16);
     expect(clip.get(30)).toBeUndefined();

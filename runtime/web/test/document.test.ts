@@ -57,6 +57,37 @@ describe("the document", () => {
     expect(document.isUnsaved).toBe(false);
   });
 
+  it("takes back what is on its way before what is there, which can be done again", () => {
+    const document = two();
+    const [first, second] = [document.expect(), document.expect()];
+    document.undo();
+    expect([document.isExpected(first), document.arrive(second)]).toEqual([true, false]);
+    document.undo();
+    document.giveUp(first);
+    expect([names(document), document.canRedo]).toEqual([["Point 1", "Point 2"], false]);
+    document.undo();
+    expect([names(document), document.canUndo, document.canRedo]).toEqual([[], false, true]);
+    const third = document.expect();
+    expect(document.canUndo).toBe(true);
+    document.reset();
+    expect([document.arrive(third), document.canUndo]).toEqual([false, false]);
+  });
+
+  it("takes what a file holds as one step, which is as unsaved as what was there", () => {
+    const document = two();
+    const layer = document.newDrawing("paint", "static");
+    const given = [{ t: 3, place: null }];
+    const added = document.add([{ ...draft(7), given }], [layer]);
+    expect([frames(document), document.drawings, document.isUnsaved]).toEqual([[[3, 3]], [layer], false]);
+    document.forget(added, [layer]);
+    expect([names(document), frames(document), document.drawings]).toEqual([["Point 1", "Point 2"], [], []]);
+    document.change((content) => corrected(content, { point: 2, t: 3, place: null }));
+    document.add([{ ...draft(7), given }], [layer]);
+    expect(document.isUnsaved).toBe(true);
+    document.undo();
+    expect([names(document), document.drawings]).toEqual([["Point 1", "Point 2"], []]);
+  });
+
   it("has one correction of a point in a frame, in the order of points and frames", () => {
     const document = two();
     for (const [point, t, x] of [[2, 4, 1], [1, 9, 2], [1, 3, 3], [2, 4, 4]] as const) {

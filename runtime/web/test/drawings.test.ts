@@ -53,8 +53,8 @@ describe("layers in the document", () => {
   it("gives masks of a project numbers of their own", () => {
     const document = new Document();
     const sketch = new Sketch(document, () => undefined, () => undefined);
-    sketch.open([document.newDrawing("paint", "seen"), { ...document.newDrawing("mask", "seen"), label: 2 }]);
-    sketch.open([{ ...document.newDrawing("mask", "seen"), label: 2 }, { ...document.newDrawing("mask", "seen"), label: 3 }]);
+    document.add([], sketch.layersOf([document.newDrawing("paint", "seen"), { ...document.newDrawing("mask", "seen"), label: 2 }]));
+    document.add([], sketch.layersOf([{ ...document.newDrawing("mask", "seen"), label: 2 }, { ...document.newDrawing("mask", "seen"), label: 3 }]));
     expect(document.drawings.map(({ label }) => label)).toEqual([0, 2, 4, 3]);
   });
 

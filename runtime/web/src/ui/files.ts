@@ -1,6 +1,7 @@
 /** Files in and out: opened by the button or dropped on the page, saved by the buttons. */
 
 import type { App } from "../app";
+import { contentOf } from "../files/content";
 import { drawingsZip, masksZip, over, readDrawings } from "../files/drawings";
 import { readPoints } from "../files/read";
 import { correctionsCsv, pointsCsv, projectJson, tracksCsv, tracksNpz } from "../files/write";
@@ -61,13 +62,15 @@ async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<Fi
 }
 
 const fileOf = (entry: FileSystemEntry): Promise<File> =>
-  new Promise((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject));
+  new Promise((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, () => reject(gone(entry))));
+
+const gone = ({ name }: FileSystemEntry): InputError => new InputError(`${name} cannot be read, or is gone; drop it again.`);
 
 async function entriesIn(folder: FileSystemEntry): Promise<FileSystemEntry[]> {
   const reader = (folder as FileSystemDirectoryEntry).createReader();
   const found: FileSystemEntry[] = [];
   for (;;) {
-    const some = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
+    const some = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, () => reject(gone(folder))));
     if (some.length === 0) return found;
     found.push(...some);
   }
@@ -84,8 +87,10 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     throw new InputError(`These are ${models.length} models without their ${WINDOWS_FILE}; give one, or a whole model folder.`);
   }
   const model = windows ?? models[0];
+  const { content } = app.document;
   if (model && app.document.isUnsaved && !confirm(UNSAVED)) return;
-  if (model) await app.openModel(model.name, named([model, ...models]));
+  const mayGo = (): boolean => app.document.content === content || !app.document.isUnsaved || confirm(UNSAVED); // what was done since
+  if (model && !(await app.openModel(model.name, named([model, ...models]), mayGo))) return;
   const [image] = images;
   if (image && images.length === 1 && (app.model?.facts.numFrames ?? 1) > 1) {
     throw new InputError(`${image.name} is one image, and a clip is all its frames; open them at once, or a mask with 'Load mask…'.`);
@@ -97,14 +102,18 @@ async function openFiles(files: readonly File[], app: App, view: View): Promise<
     }
     const facts = app.model?.facts;
     if (facts === undefined) throw new InputError(`Open a model before ${file.name}.`);
-    const bytes = new Uint8Array(await file.arrayBuffer());
-    const points = readPoints(file.name, bytes, facts);
-    const drawings = /\.json$/i.test(file.name) ? readDrawings(file.name, bytes, facts) : [];
-    if (points.length + drawings.length === 0) throw new InputError(`${file.name} holds no points, and nothing that is drawn.`);
-    const wasUnsaved = app.document.isUnsaved;
-    await app.addPoints(points);
-    app.sketch.open(drawings);
-    if (!wasUnsaved) app.document.keep("corrections", "drawings");
+    const coming = app.document.expect();
+    try {
+      const bytes = await contentOf(file, file.name);
+      if (!app.document.isExpected(coming)) return;
+      const points = readPoints(file.name, bytes, facts);
+      const drawings = /\.json$/i.test(file.name) ? readDrawings(file.name, bytes, facts) : [];
+      if (points.length + drawings.length === 0) throw new InputError(`${file.name} holds no points, and nothing that is drawn.`);
+      app.document.arrive(coming);
+      await app.addContent(points, drawings);
+    } finally {
+      app.document.giveUp(coming);
+    }
   }
 }
 
@@ -114,14 +123,18 @@ function named(files: readonly File[]): Files {
   return {
     has: (path) => byName.has(path),
     read: async (path) => {
-      const content = await byName.get(path)?.arrayBuffer().catch(() => undefined);
-      if (content === undefined) throw new InputError(`${path} cannot be read, or has changed; open it again.`);
-      return content;
+      const file = byName.get(path);
+      if (file === undefined) throw new InputError(`${path} is not among the files that were opened; open it again.`);
+      return (await contentOf(file, path)).buffer;
     },
   };
 }
 
 async function save(button: HTMLButtonElement, app: App, view: View): Promise<void> {
+  if (app.isAsking) {
+    await app.settled(); // what was asked for before is saved too
+    if (button.matches(":disabled")) return;
+  }
   const facts = app.model?.facts;
   if (facts === undefined) return;
   const points = app.followed;

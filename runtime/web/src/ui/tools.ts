@@ -2,6 +2,7 @@
 
 import type { App } from "../app";
 import { type Drawing, OWNERS } from "../drawings";
+import { contentOf } from "../files/content";
 import { frameInName, readLabels } from "../files/labels";
 import type { Size } from "../geometry";
 import { InputError } from "../model/facts";
@@ -40,6 +41,8 @@ export class Tools {
   private readonly radios = new Map<Tool, HTMLInputElement>();
   /** Of the layer that is drawn on. */
   private kind: Drawing["kind"] | undefined;
+  /** Files are taken one after the other: of two the second is put over the first. */
+  private turn: Promise<void> = Promise.resolve();
 
   constructor(
     private readonly pen: Pen,
@@ -68,8 +71,8 @@ export class Tools {
       this.mask.click();
     });
     onClick("draw-picture", () => this.picture.click());
-    this.picture.addEventListener("change", () => this.take(this.picture, (file) => this.openPicture(file)));
-    this.mask.addEventListener("change", () => this.take(this.mask, (file) => this.openMask(file, app)));
+    this.picture.addEventListener("change", () => this.take(this.picture, (file, turn) => this.openPicture(file, turn)));
+    this.mask.addEventListener("change", () => this.take(this.mask, (file, turn) => this.openMask(file, app, turn)));
   }
 
   /** Fits the width of lines to another clip. */
@@ -124,34 +127,46 @@ export class Tools {
     if (!this.pen.isOut) this.choose("brush");
   }
 
-  private take(input: HTMLInputElement, open: (file: File) => Promise<void>): void {
+  /** `open` waits for `turn` before it puts the file anywhere. */
+  private take(input: HTMLInputElement, open: (file: File, turn: Promise<void>) => Promise<void>): void {
     const [file] = input.files ?? [];
-    if (file) this.alerts.attempt(open(file));
     input.value = "";
+    if (file === undefined) return;
+    const opened = open(file, this.turn);
+    this.turn = opened.catch(() => undefined);
+    this.alerts.attempt(opened);
   }
 
-  /** Over the frame that the file's name tells, or that is shown. */
-  private async openMask(file: File, app: App): Promise<void> {
+  /** Over the frame that the file's name tells, or that was shown when it was chosen. */
+  private async openMask(file: File, app: App, turn: Promise<void>): Promise<void> {
     const { name } = file;
     const facts = app.model?.facts;
     if (facts === undefined) throw new InputError("Open a model before a mask.");
-    const labels = readLabels(name, new Uint8Array(await file.arrayBuffer()), facts);
     const shown = app.player.frame;
-    const named = frameInName(name, facts.numFrames) ?? { t: shown, sure: true };
-    const t = named.sure || named.t === shown ? named.t : await askFrame(name, named.t, shown);
-    if (t === undefined) return;
-    const { added, replaced } = app.sketch.addMasks(labels, t);
-    app.pauseAt(t);
-    const instead = replaced.length > 0 ? `, in place of what was drawn there of ${replaced.join(", ")}; Undo brings it back` : "";
-    this.alerts.status(`${name}: ${added === 1 ? "a mask" : `${added} masks`} over frame ${t}${instead}.`);
+    const coming = app.document.expect();
+    try {
+      const [bytes] = await Promise.all([contentOf(file, name), turn]);
+      const labels = readLabels(name, bytes, facts);
+      const named = frameInName(name, facts.numFrames) ?? { t: shown, sure: true };
+      if (!app.document.isExpected(coming)) return;
+      const t = named.sure || named.t === shown ? named.t : await askFrame(name, named.t, shown);
+      if (t === undefined || !app.document.arrive(coming)) return;
+      const { added, replaced } = app.sketch.addMasks(labels, t);
+      app.pauseAt(t);
+      const instead = replaced.length > 0 ? `, in place of what was drawn there of ${replaced.join(", ")}; Undo brings it back` : "";
+      this.alerts.status(`${name}: ${added === 1 ? "a mask" : `${added} masks`} over frame ${t}${instead}.`);
+    } finally {
+      app.document.giveUp(coming);
+    }
   }
 
-  private async openPicture(file: File): Promise<void> {
+  private async openPicture(file: File, turn: Promise<void>): Promise<void> {
     if (file.size > MOST_BYTES) throw new InputError(`${file.name} has more than ${MOST_BYTES / 2 ** 20} MB; make it smaller.`);
-    const source = base64(new Uint8Array(await file.arrayBuffer()));
+    const source = base64(await contentOf(file, file.name));
     const size = await decode(source).catch(() => {
       throw new InputError(`${file.name} does not decode as an image; give a PNG, JPEG or WebP.`);
     });
+    await turn;
     this.pen.picture = { ...size, source };
     element("draw-picture", HTMLButtonElement).textContent = file.name;
   }
