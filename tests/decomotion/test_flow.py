@@ -403,13 +403,6 @@ def test_every_setting_of_dis_is_heeded(name: str, value: float):
     assert not np.array_equal(DisFlow(dis(**{name: value}))(first, second), DisFlow(dis())(first, second))
 
 
-def test_a_search_without_a_start_has_none(jump: tuple[np.ndarray, np.ndarray]):
-    estimate = DisFlow(dis())
-    before = estimate(*jump)
-    assert not np.array_equal(estimate(*jump, start=JUMP_START), before)
-    np.testing.assert_array_equal(estimate(*jump), before)
-
-
 def test_what_becomes_narrower_is_averaged_whatever_its_height():
     """Columns in pairs; 20 of them, as many as there are rows."""
     frame = np.zeros((20, 40), np.uint8)
