@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 
 import cv2
@@ -14,13 +15,16 @@ import torch
 from decomotion import checkpoint
 from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
-from decomotion.corrections.fit import short
+from decomotion.config import load
+from decomotion.corrections.fit import _apart, _frame_weights, short
 from decomotion.corrections.following import Followed, follow
+from decomotion.corrections.points import CorrectedPoint, Place
 from decomotion.long_clip import windows_of
 from decomotion.quality import parse
+from decomotion.schedule import Schedule, value_at
 from decomotion.windows import FILE_NAME
 from interruption import ctrl_c, interruption
-from tiny_fit import AFFINE, HEIGHT, TINY_CPU, WIDTH, sliding_square, texture, write_frames
+from tiny_fit import AFFINE, HEIGHT, TINY_CPU, WIDTH, sliding_square, texture, tiny_model, write_frames
 
 FINE = "model.dynamic.conditioner={kind: grid, cells: [2, 8, 16], rank: 24, slope: 1.0}"
 """As the `cpu` preset has it: coarser grids cannot move a place without what is around it."""
@@ -190,3 +194,44 @@ def test_of_several_windows_those_that_are_told_something_change(tmp_path: Path)
     assert {"corrections.csv", "windows.json", f"{second.name}/corrections.csv"} <= set(after)
     longer = [str(frames), "--out", str(tmp_path / "new"), "--resume", "--steps", "9"]
     assert main(longer) == 2
+
+
+def test_frames_that_are_spoken_of_are_drawn_as_often_again_as_all() -> None:
+    """Frame 3 is known of two points, 5 and 8 of one, 8 as hiding it: of four, half and a quarter each."""
+    points = [
+        CorrectedPoint.of([Place(3, 1, 2), Place(5, 4, 2)]),
+        CorrectedPoint.of([Place(3, 9, 9), Place(8, math.nan, math.nan)]),
+    ]
+    weights = _frame_weights(points, FRAMES)
+    expected = np.full(FRAMES, 0.05)
+    expected[[3, 5, 8]] += [0.25, 0.125, 0.125]
+    np.testing.assert_allclose(weights, expected)
+
+
+def test_a_short_fit_begins_as_the_long_one_did_and_learns_from_all_gaps() -> None:
+    config = load("cpu")
+    brief = short(config)
+    scheduled = {name: weight for name, weight in config.loss.items() if isinstance(weight, Schedule)}
+    assert scheduled, "the preset has losses that come or go"
+    for name, weight in config.loss.items():
+        assert brief.loss[name] == (weight.value if isinstance(weight, Schedule) else weight)
+    assert all(value_at(brief.optim.gap, progress) == 1 for progress in (0.0, 0.3, 1.0))
+    assert (brief.optim.warmup, brief.optim.decay) == (0.05, "cosine")
+    assert brief.model == config.model
+    assert short(brief) == brief
+
+
+def test_how_far_corrections_are_met(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point's first place is where it is asked for, and met by itself."""
+    xy = np.zeros((1, FRAMES, 2), np.float32) + np.array([10, 20], np.float32)
+    occlusion = np.full((1, FRAMES), 0.4, np.float32)
+    occlusion[0, 8] = 0.6
+    monkeypatch.setattr("decomotion.corrections.fit.follow", lambda *_: Followed(xy, occlusion))
+    points = [
+        CorrectedPoint.of([Place(3, 70, 20), Place(5, 13, 24), Place(7, math.nan, math.nan)]),
+        CorrectedPoint.of([Place(2, 10, 20), Place(6, 10, 21), Place(8, math.nan, math.nan)]),
+    ]
+    model = tiny_model("cpu", frames=FRAMES, height=HEIGHT, width=WIDTH, feature_size=1)
+    apart, hidden = _apart(model, points)
+    np.testing.assert_allclose(apart, [5, 1])
+    assert hidden == 1

@@ -104,3 +104,13 @@ def test_the_generator_draws_the_first_depths() -> None:
     one, same, other = (fit_cameras(seen, np.ones((40, 8)), gap, np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)
+
+
+def test_points_that_come_into_sight_tell_no_way() -> None:
+    """From a frame in which they are not known; and those that go out of sight tell none either."""
+    seen = np.zeros((3, 3, 2))
+    seen[:, 1], seen[:, 2] = (0.1, 0.2), (0.3, 0.2)
+    seen[1:, 1] = 7
+    known = np.ones((3, 3), bool)
+    known[1:, 1] = False
+    np.testing.assert_allclose(_shifts(seen, known), [[0, 0], [0.1, 0.2], [0.3, 0.2]])

@@ -382,3 +382,78 @@ def test_what_all_estimators_share_is_kept(kind: str):
     assert changed.field_side == 300
     common = set(FlowConfig.model_fields) - {"field_side"}
     assert changed.model_dump(include=common) == former.model_dump(include=common)
+
+
+def test_what_is_compared_is_as_bright_as_it_looks(monkeypatch: pytest.MonkeyPatch):
+    """Red, green and blue: by Rec. 601."""
+    compared: list[np.ndarray] = []
+    monkeypatch.setattr(dis_module, "resized", lambda frame, size: compared.append(frame) or resized(frame, size))
+    frame = np.zeros((20, 30, 3), np.uint8)
+    frame[:, :10, 0] = frame[:, 10:20, 1] = frame[:, 20:, 2] = 255
+    DisFlow(dis(max_side=32))(frame, frame)
+    assert compared[0][5, [5, 15, 25]].tolist() == [76, 150, 29]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("patch_stride", 7), ("descent_iterations", 1), ("refinement_iterations", 0), ("gradient_weight", 0.5)],
+)
+def test_every_setting_of_dis_is_heeded(name: str, value: float):
+    first, second = shifted_texture(60, 90)
+    assert not np.array_equal(DisFlow(dis(**{name: value}))(first, second), DisFlow(dis())(first, second))
+
+
+def test_what_becomes_narrower_is_averaged_whatever_its_height():
+    """Columns in pairs; 20 of them, as many as there are rows."""
+    frame = np.zeros((20, 40), np.uint8)
+    frame[:, ::2] = 200
+    np.testing.assert_array_equal(resized(frame, (20, 10)), np.full((10, 20), 100))
+    tall = np.zeros((60, 24), np.uint8)
+    tall[:, ::2] = 200
+    np.testing.assert_array_equal(resized(tall, (12, 30)), np.full((30, 12), 100))
+
+
+class Network(torch.nn.Module):
+    """In the place of RAFT's: it notes how often its flow is updated, and where it is to be."""
+
+    updates: int
+    place = torch.device("cpu")
+
+    def to(self, device: torch.device) -> Network:  # pyright: ignore[reportIncompatibleMethodOverride]
+        self.place = device
+        return self
+
+    def forward(self, first: Tensor, second: Tensor, num_flow_updates: int) -> list[Tensor]:
+        self.updates = num_flow_updates
+        return [torch.ones(1, 2, *first.shape[-2:])]
+
+
+def test_raft_runs_where_it_is_told_as_often_as_it_is_told(monkeypatch: pytest.MonkeyPatch):
+    network = Network()
+    monkeypatch.setattr("decomotion.data.flow.raft.load_raft", lambda *_: network)
+    build_flow(raft(None), "meta")
+    assert network.place == torch.device("meta")
+    frame = np.zeros((40, 90, 3), np.uint8)
+    field = build_flow(raft(None, iterations=5, field_side=45))(frame, frame, (0, 1))
+    assert network.updates == 5
+    assert field.shape == (20, 45, 2)
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e300])
+def test_fields_of_a_folder_are_finite(tmp_path: Path, value: float):
+    """In single precision."""
+    field = np.zeros((4, 5, 2))
+    field[2, 3, 1] = value
+    np.save(tmp_path / "0_1.npy", field)
+    config = load("cpu", flow=str(tmp_path)).data.flow
+    frame = np.zeros((4, 5, 3), np.uint8)
+    with pytest.raises(SupervisionError, match="has values that are not finite numbers"):
+        build_flow(config)(frame, frame, (0, 1))
+
+
+def test_fields_of_a_folder_are_kept_as_coarse_as_others(tmp_path: Path):
+    np.save(tmp_path / "0_1.npy", np.tile(np.array([4.0, 3.0], np.float32), (60, 96, 1)))
+    config = load("cpu", overrides=("data.flow.field_side=48",), flow=str(tmp_path)).data.flow
+    frame = np.zeros((60, 96, 3), np.uint8)
+    field = build_flow(config)(frame, frame, (0, 1))
+    np.testing.assert_allclose(field, np.tile(np.array([2.0, 1.5]), (30, 48, 1)))

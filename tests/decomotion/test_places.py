@@ -123,3 +123,41 @@ def test_of_long_clips_some_frames() -> None:
     assert frames_to_place_by(5, 40).tolist() == list(range(40))
     assert frames_to_place_by(20, 41).tolist() == [*range(0, 12, 2), *range(12, 29), *range(30, 41, 2)]
     assert frames_to_place_by(0, 100).tolist() == [*range(9), *range(10, 100, 5)]
+
+
+def sideways(gap: npt.NDArray[np.integer]) -> Floats:
+    """Cameras without perspective that move to the right: what has Z = 1 by 6.4 units a frame."""
+    found = np.tile(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]), (len(gap), 1, 1))
+    found[:, 0, 2] = 0.05 * gap
+    return found
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_what_hides_a_point_late_is_not_taken_for_it_though_it_moves_more(back: bool) -> None:
+    """It is seen where the point was, passes it by 2.5 units a frame, and is farther away by far: least squares of all
+    links, each as it counts, would be its."""
+    gap = np.array([*range(9), *range(12, 17)]) * (-1 if back else 1)
+    seen, covering = (
+        np.einsum("tij,nj->nti", sideways(gap), np.concatenate([x, np.ones((3, 1))], axis=1))[..., :2]
+        for x in (X, X + np.array([0, 0, 2.5 / 6.4]))
+    )
+    seen[:, 9:] = covering[:, 9:]
+    x, _, agreement = place(seen, np.ones((3, 14)), sideways(gap), gap)
+    np.testing.assert_allclose(x, X, atol=0.02)
+    np.testing.assert_allclose(agreement, 8 / 13, atol=0.02)
+
+
+def test_a_place_is_as_uncertain_as_its_links_miss_it() -> None:
+    """In the mean square, by what they weigh: what they count, less what they miss at 2 units, and 10 of its own."""
+    counts = np.random.default_rng(0).uniform(0.2, 1, (3, 11))
+    noise = np.random.default_rng(2).normal(scale=1.5 * UNIT, size=(3, 11, 2))
+    seen = np.einsum("tij,nj->nti", sideways(GAP), np.concatenate([X, np.ones((3, 1))], axis=1))[..., :2] + noise
+    x, covariance, _ = place(seen, counts, sideways(GAP), GAP)
+    expected = np.einsum("tij,nj->nti", sideways(GAP), np.concatenate([x, np.ones((3, 1))], axis=1))[..., :2]
+    slope = sideways(GAP)[:, :2, :3]
+    for point in range(3):
+        missed = np.linalg.norm(expected[point] - seen[point], axis=-1) / UNIT
+        weight = np.where(GAP == 0, 10, counts[point]) / (1 + (missed / 2) ** 2)
+        square = (weight * missed**2).sum() / weight.sum() * UNIT**2
+        normal = np.einsum("t,tki,tkj->ij", weight, slope, slope) + 1e-5 * np.eye(3)
+        np.testing.assert_allclose(covariance[point], square * np.linalg.inv(normal), rtol=0.02, atol=1e-9)

@@ -67,3 +67,23 @@ def test_a_place_is_moved_by_two_and_a_half_units_at_most(scale: int, units: flo
     start = xy + SHIFT + units / 2 * np.array([[1, 0], [0, -1], [-0.6, 0.8]], np.float32)
     found = refine(0, 1, xy, start, (HEIGHT, WIDTH))
     np.testing.assert_allclose(found, xy + SHIFT if taken else start, atol=0.06 if taken else 1e-5)
+
+
+def test_a_raster_may_have_other_pixels_across_than_down():
+    refine = Refiner(moved_texture(1))
+    places, raster = np.array([[20, 30], [100, 70]], np.float32), np.array([0.5, 0.25], np.float32)
+    xy = (places + 0.5) * raster - 0.5
+    found = refine(0, 1, xy, xy + (SHIFT + 0.6) * raster, (HEIGHT // 4, WIDTH // 2))
+    np.testing.assert_allclose((found + 0.5) / raster - 0.5, places + SHIFT, atol=0.06)
+
+
+def test_what_differs_in_colour_is_seen_as_bright_as_it_looks():
+    """Red of 170 is as bright as green of 87, so that where one passes into the other there is no texture."""
+    chance = np.random.default_rng(0).random((HEIGHT // 3, WIDTH // 3)).astype(np.float32)
+    red = cv2.resize(chance, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    still = np.stack([170 * red, 0.299 / 0.587 * 170 * (1 - red), np.zeros_like(red)], axis=-1)
+    moved = np.roll(still, 1, axis=1)
+    refine = Refiner(Clip("colours", np.rint([still, moved]).astype(np.uint8), 24.0))
+    xy = np.array([[20, 30], [60, 50], [100, 40]], np.float32)
+    found = refine(0, 1, xy, xy, (HEIGHT, WIDTH))
+    assert np.abs(found - xy - (1, 0)).max() > 0.5, "by red and blue exchanged it would be found"

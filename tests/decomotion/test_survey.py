@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from clip_files import write_video
+from clip_files import with_display_matrix, write_video
 from decomotion import video, video_frames
 from decomotion.cache import cache_root
 from decomotion.clip import read_clip
@@ -198,3 +198,24 @@ class TestDoubt:
     def test_the_cache_is_where_it_is_said(self, film: Path, cache: Path):
         read_clip(film)
         assert [file.parent for file in cache_root().rglob("*.npz")] == [cache]
+
+
+@pytest.mark.parametrize("matrix", [(0, 1, -1, 0), (0, -1, 1, 0), (0, -1, -1, 0)])
+def test_parts_of_a_video_that_lies_on_its_side(matrix: tuple[int, int, int, int], tmp_path: Path, cache: Path):
+    path = with_display_matrix(write_video(tmp_path / "film.mp4", drifting(14, 62, 94)), matrix)
+    whole = read_clip(path)
+    assert len(list(cache.glob("*.npz"))) == 1
+    part = read_clip(f"{path}@4:9")
+    assert (part.height, part.width) == (94, 62)
+    np.testing.assert_array_equal(part.frames, np.asarray(whole.frames)[4:9])
+
+
+def test_parts_of_a_video_that_begins_after_a_month(tmp_path: Path, decoded: list[object]):
+    """Its times in milliseconds have more than 32 bits."""
+    times = [3_000_000_000 + 40 * number for number in range(14)]
+    path = write_video(tmp_path / "film.mkv", drifting(14, 62, 94), times=times)
+    whole = read_clip(path)
+    decoded.clear()
+    part = read_clip(f"{path}@4:9")
+    assert decoded == []
+    np.testing.assert_array_equal(part.frames, np.asarray(whole.frames)[4:9])

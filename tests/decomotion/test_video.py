@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import shutil
-import struct
 import subprocess
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +19,7 @@ from clip_files import (
     flat_frames,
     shown_by_exif,
     turned_jpeg,
+    with_display_matrix,
     write_images,
     write_jpegs,
     write_streams,
@@ -119,15 +119,6 @@ def corner_frames(height: int = 32, width: int = 48) -> npt.NDArray[np.uint8]:
     frames[:, : height // 2, : width // 2, 2] = 220
     frames[:, height // 2 :, : width // 2] //= 3
     return frames
-
-
-def with_display_matrix(path: Path, matrix: tuple[int, int, int, int]) -> Path:
-    """Phones write how the stored frames are to be shown into the mp4's track header."""
-    content = bytearray(path.read_bytes())
-    a, b, c, d = (value << 16 for value in matrix)
-    struct.pack_into(">9i", content, content.index(b"tkhd") + 44, a, b, 0, c, d, 0, 0, 0, 1 << 30)
-    path.write_bytes(content)
-    return path
 
 
 class TestOrientation:

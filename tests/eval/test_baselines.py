@@ -45,6 +45,7 @@ def test_exact_flow_gives_exact_tracks_on_the_benchmark_s_raster(method: str):
     outside = (xy[..., 0] > WIDTH - 0.5) | (xy[..., 1] > HEIGHT - 0.5)
     assert outside.any()
     np.testing.assert_array_equal(prediction.occluded, outside)
+    assert prediction.size == (WIDTH, HEIGHT)
 
 
 class Broken:
@@ -151,3 +152,31 @@ def test_fields_are_computed_once():
     for _ in range(2):
         assert fields(0, 3)[0, 0].tolist() == [3.0, 1.5]
     assert len(calls) == 1
+
+
+class OffBy:
+    """What moves forward by nothing moves back by so many pixels, in fields of 128x96: two of its pixels are four
+    units of a frame whose longer side is 256."""
+
+    def __init__(self, pixels: float) -> None:
+        self.pixels = pixels
+
+    def __call__(self, first: np.ndarray, second: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
+        back = int(second[0, 0, 0]) < int(first[0, 0, 0])
+        return np.full((96, 128, 2), [self.pixels * back, 0], np.float32)
+
+
+@pytest.mark.parametrize(("method", "limit"), [("chain", 1.0), ("direct", 1.5), ("multi", None)])
+def test_cycle_errors_are_those_of_frames_of_256_pixels(method: str, limit: float | None):
+    limit = DATA.pool.cycle_threshold if limit is None else limit
+    asked = np.array([[0, 50, 40]], np.float32)
+    for units, hidden in ((limit - 0.1, False), (limit + 0.1, True)):
+        found = METHODS[method](asked, Fields(VIDEO, OffBy(units / 2)), DATA)[1][0]
+        assert found.tolist() == [False] + [hidden] * (FRAMES - 1)
+
+
+def test_multi_goes_no_farther_than_a_fit_s_supervision():
+    data = load("cpu", overrides=("data.flow.intervals=[1,2]", "data.pool.max_gap=3")).data
+    asked = np.array([[0, 50, 40]], np.float32)
+    assert METHODS["multi"](asked, Fields(VIDEO, OffBy(0)), data)[1][0].tolist() == [False] * 4 + [True] * 2
+    assert not METHODS["chain"](asked, Fields(VIDEO, OffBy(0)), data)[1].any()

@@ -32,3 +32,10 @@ def test_it_holds_the_mean_and_stays_within_the_values(values: list[float], rand
 
 def test_one_video_has_none() -> None:
     assert all(math.isnan(end) for end in mean_interval([0.5, math.nan]))
+
+
+def test_another_seed_draws_other_videos() -> None:
+    values = np.random.default_rng(0).normal(0.6, 0.1, 20)
+    intervals = [mean_interval(values, seed=seed) for seed in (0, 0, 1)]
+    assert intervals[0] == intervals[1] != intervals[2]
+    assert intervals[0] == pytest.approx(intervals[2], abs=0.005)

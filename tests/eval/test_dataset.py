@@ -147,3 +147,12 @@ def test_later_frames_are_checked_when_decoded(read: Callable[..., Any], entry: 
     video = read({"a": {**entry, "video": [*frames[:-1], smaller[0]]}})["a"]
     with pytest.raises(DatasetError, match="frame 10 of video a differs in size"):
         video.frames()[10]
+
+
+def test_names_may_be_numbers(read: Callable[..., Any], dataset_content: dict[str, Any]) -> None:
+    """Predictions lie in files of their names."""
+    videos = read(dict(zip((3, 10), dataset_content.values(), strict=True)))
+    assert list(videos) == ["3", "10"]
+    assert videos["10"].name == "10"
+    with pytest.raises(DatasetError, match="must name its videos by text"):
+        read({1.5: dataset_content["left"]})

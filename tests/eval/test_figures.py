@@ -149,3 +149,11 @@ def test_nothing_to_count_is_nan() -> None:
     }
     assert np.isnan(list(found.values())).all()
     assert {name for name in found if name.endswith("_mte")} == set(figures.IN_PIXELS)
+
+
+def test_egopoints_edge_of_the_image_belongs_to_it() -> None:
+    """At 512x384, of a raster of 256: the whole raster's edge."""
+    tracks = np.array([[[9.0, 9], [0, 0], [256, 256], [256.01, 9], [9, -0.01]]])
+    none, every = np.zeros((1, 5), bool), np.ones((1, 5), bool)
+    found = figures.egopoints(tracks, none, tracks, every, every, every, none, none)
+    assert found["egopoints_iva"] == 2 / 4

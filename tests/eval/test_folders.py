@@ -132,3 +132,29 @@ def test_frames_that_cannot_be_read_are_the_datasets_fault(tmp_path: Path, entry
     (tmp_path / "goat" / "0.jpg").write_bytes(b"a second one")
     with pytest.raises(DatasetError, match=r"0\.jpg and 0\.png differ in their ending alone"):
         read_dataset(tmp_path)["goat"]
+
+
+def test_a_shard_that_cannot_be_read_costs_its_own_videos_where_somebody_is_told(
+    tmp_path: Path, dataset_content: dict[str, Any]
+) -> None:
+    (tmp_path / "a.pkl").write_bytes(b"no pickle")
+    with pytest.raises(DatasetError):
+        read_dataset(tmp_path)
+    refused: list[str] = []
+    with pytest.raises(DatasetError):  # nothing else is there
+        read_dataset(tmp_path, refused=lambda shard, _: refused.append(shard.name))
+    (tmp_path / "b.pkl").write_bytes(pickle.dumps({"robot": dataset_content["right"]}))
+    assert list(read_dataset(tmp_path, refused=lambda shard, _: refused.append(shard.name))) == ["robot"]
+    assert refused == ["a.pkl"]
+
+
+def test_tracks_have_two_coordinates(tmp_path: Path, entry: dict[str, Any]) -> None:
+    tracks = np.concatenate([entry["points"] * 20, np.ones((*entry["occluded"].shape, 1))], axis=-1)
+    write_folder(tmp_path, entry, tracks=tracks)
+    with pytest.raises(DatasetError, match=r"must have tracks \[N, T, 2\], but they are \[4, 11, 3\]"):
+        read_dataset(tmp_path)["goat"]
+
+
+def test_what_else_a_file_holds_is_not_read(tmp_path: Path, entry: dict[str, Any]) -> None:
+    write_folder(tmp_path, entry, notes=np.array([{"an": "object"}], dtype=object))
+    np.testing.assert_allclose(read_dataset(tmp_path)["goat"].points, entry["points"], rtol=1e-12)

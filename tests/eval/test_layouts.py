@@ -148,3 +148,22 @@ def test_what_does_not_fit_is_named(
     np.savez(tmp_path / "left.npz", **{key: value for key, value in content.items() if value is not None})
     with pytest.raises(PredictionError, match=words):
         from_npz(tmp_path / "left.npz", *left)
+
+
+@pytest.mark.parametrize(
+    ("values", "hidden"),
+    [
+        ([0.3, 0.6], [True, False]),  # probabilities: the half is the limit
+        ([-2.0, 0.3], [True, False]),  # logits: 0 is
+        ([0.3, 1.5], [False, False]),
+    ],
+)
+def test_pips_scores_are_probabilities_where_all_are_shares(
+    values: list[float], hidden: list[bool], left: tuple[Video, Queries], tmp_path: Path
+) -> None:
+    content = arrays("pips", left[1], Convention.EDGES, (32, 20))
+    content["vis_e"] = np.full(content["vis_e"].shape, values[0])
+    content["vis_e"][:, 3:] = values[1]
+    np.savez(tmp_path / "left.npz", **content)
+    occluded = from_npz(tmp_path / "left.npz", *left).occluded
+    np.testing.assert_array_equal(occluded, np.tile(np.repeat(hidden, [3, 8]), (len(occluded), 1)))

@@ -281,11 +281,12 @@ def test_reappearing_is_being_seen_again_after_a_hidden_frame_in_between(query_m
     assert expected.any()
 
 
-def test_reappearing_by_hand() -> None:
+@pytest.mark.parametrize("asked", [8.2, 7.6])
+def test_reappearing_by_hand(asked: float) -> None:
     """Of a query in frame 8 that is hidden in 3 and 4, frames 0 to 2; what is hidden in its own frame says nothing."""
     occluded = np.zeros((1, 1, 10), bool)
     occluded[0, 0, [3, 4, 8]] = True
-    found = reappeared(np.array([[[8.2, 5.0, 5.0]]]), occluded, "strided")
+    found = reappeared(np.array([[[asked, 5.0, 5.0]]]), occluded, "strided")
     assert np.flatnonzero(found).tolist() == [0, 1, 2]
 
 
@@ -298,3 +299,34 @@ def test_what_nobody_has_judged_is_not_known_to_be_hidden() -> None:
     query = np.array([[[0.0, 5.0, 5.0]]])
     assert np.flatnonzero(reappeared(query, occluded, "first", judged)).tolist() == [6, 7]
     assert np.flatnonzero(reappeared(query, occluded, "first")).tolist() == [3, 4, 6, 7]
+
+
+def test_a_query_s_frame_is_the_nearest_one() -> None:
+    example = paper_example()
+    expected = tapvid_metrics(**example, query_mode="strided")
+    again = reappeared(example["query_points"], example["gt_occluded"], "strided")
+    for off in (0.4, -0.4):
+        example["query_points"][..., 0] = np.array([[0, 1, 0]]) + off
+        for name, value in tapvid_metrics(**example, query_mode="strided").items():
+            np.testing.assert_array_equal(value, expected[name])
+        np.testing.assert_array_equal(reappeared(example["query_points"], example["gt_occluded"], "strided"), again)
+
+
+@pytest.mark.parametrize("query_mode", ["first", "strided"])
+def test_frames_that_nobody_has_judged_count_as_if_they_were_not_there(query_mode: str) -> None:
+    example = paper_example()
+    judged = np.ones((1, 3, 4), bool)
+    judged[..., 2] = False
+    without = {key: value if key == "query_points" else np.delete(value, 2, axis=2) for key, value in example.items()}
+    expected = tapvid_metrics(**without, query_mode=query_mode)
+    for name, value in tapvid_metrics(**example, query_mode=query_mode, judged=judged).items():
+        np.testing.assert_array_equal(value, expected[name])
+
+
+def test_temporal_coherence_of_single_precision_is_that_of_double() -> None:
+    random = np.random.default_rng(0)
+    true = random.uniform(0, 256, (1, 3, 6, 2)).astype(np.float32)
+    predicted = true + random.normal(0, 1e-3, true.shape).astype(np.float32)
+    nowhere = np.zeros((1, 3, 6), bool)
+    doubled = temporal_coherence(nowhere, true.astype(np.float64), predicted.astype(np.float64))
+    np.testing.assert_array_equal(temporal_coherence(nowhere, true, predicted), doubled)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from decomo_eval.dataset import Video, read_dataset
 from decomo_eval.errors import PredictionError
-from decomo_eval.predictions import from_model, from_npz
+from decomo_eval.predictions import check_axes, from_model, from_npz
 from decomo_eval.tapvid import Queries, sample_queries
 
 WritePredictions = Callable[..., Path]
@@ -60,6 +61,7 @@ def half_a_pixel_off(queries: npt.NDArray[np.float32]) -> npt.NDArray[np.float32
         ("queries", lambda a: a[:-1], "other mode"),
         ("queries", lambda a: a[::-1], "has query 0 at .* but the benchmark's is at .* 32x20 frames"),
         ("queries", half_a_pixel_off, "benchmark's order"),
+        ("queries", lambda a: a + np.array([1, 0, 0], np.float32), "has query 0 at .* but the benchmark's is at"),
         ("queries", lambda a: a.astype(str), "numbers as queries"),
         ("queries", lambda a: a * np.float32(np.nan), "has query 0"),
         ("tracks", lambda a: a[:, :-1], "query, frame"),
@@ -110,9 +112,10 @@ def test_as_many_queries_as_frames_do_not_hide_another_order(
         from_npz(file, video, queries)
 
 
-def test_a_lost_point_is_named(write_predictions: WritePredictions, left: tuple[Video, Queries]) -> None:
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_lost_point_is_named(axis: int, write_predictions: WritePredictions, left: tuple[Video, Queries]) -> None:
     tracks = left[1].tracks.copy()
-    tracks[2, 7, 1] = np.nan
+    tracks[2, 7, axis] = np.nan
     with pytest.raises(PredictionError, match="no finite position for query 2 in frame 7"):
         from_npz(write_predictions("left", tracks=tracks) / "left.npz", *left)
 
@@ -228,3 +231,34 @@ def test_frames_of_other_sizes_are_not_turned(
     size: tuple[int, int], write_predictions: WritePredictions, left: tuple[Video, Queries]
 ) -> None:
     assert from_npz(write_predictions("left", size=size) / "left.npz", *left).size == size
+
+
+def test_predictions_in_turned_frames_of_an_upright_video_are_refused(
+    write_predictions: WritePredictions, left: tuple[Video, Queries]
+) -> None:
+    """The video is higher than wide, and the file's frames lie on their side."""
+    video, queries = replace(left[0], height=32, width=20), left[1]
+    assert from_npz(write_predictions("left", size=(20, 32)) / "left.npz", video, queries)
+    with pytest.raises(PredictionError, match="frames of 32x20 but video left has 20x32: one of the two is turned"):
+        from_npz(write_predictions("left", size=(32, 20)) / "left.npz", video, queries)
+
+
+def test_a_file_of_ours_that_names_no_size_is_of_the_stored_frames(
+    write_predictions: WritePredictions, left: tuple[Video, Queries]
+) -> None:
+    file = write_predictions("left", size=(256, 256), width=None, height=None) / "left.npz"
+    with pytest.raises(PredictionError, match=r"has query 0 at .* in pixels of 32x20 frames; .* by width and height"):
+        from_npz(file, *left)
+
+
+def test_what_lies_about_where_x_is_y_is_not_taken_to_be_exchanged() -> None:
+    """Off by a fraction of a pixel, exchanged they would be nearer."""
+    asked = np.array([[0, 10.0, 10.5], [2, 40, 40.5], [1, 7, 7.5]])
+    tracks = np.tile(asked[:, None, 2:0:-1], (1, 4, 1))
+    check_axes("a.npz", tracks, asked)
+    asked[:, 2] += 3
+    tracks = np.tile(asked[:, None, 2:0:-1], (1, 4, 1))
+    with pytest.raises(
+        PredictionError, match=r"a\.npz has tracks that lie at their queries only with x and y exchanged"
+    ):
+        check_axes("a.npz", tracks, asked)

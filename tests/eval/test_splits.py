@@ -154,3 +154,20 @@ def test_frames_without_annotation_are_in_no_split() -> None:
     known = score_splits(replace(queries, judged=None), answer, "first")
     assert (known["visible"]["count"], known["reappeared"]["count"], known["out_of_frame"]["count"]) == (0, 1, 3)
     assert known["reappeared"]["redetection_jaccard"] > 0
+
+
+def test_the_image_s_edge_belongs_to_it() -> None:
+    """It spans 0 to 256."""
+    tracks = np.array([[[10.0, 10], [0, 256], [256, 0], [256.1, 10], [10, -0.1]]])
+    occluded = np.array([[False, True, True, True, True]])
+    queries = Queries(np.array([[0, 10.0, 10]]), tracks, occluded)
+    splits = score_splits(queries, Prediction(tracks, occluded, (256, 256)), "first")
+    assert splits["out_of_frame"] == {"count": 2, "occlusion_accuracy": 1}
+
+
+@pytest.mark.parametrize("off", [0.4, -0.4])
+def test_a_query_is_on_what_its_nearest_frame_shows(off: float) -> None:
+    queries, _, masks = video()
+    masks[0] = masks[2:] = False
+    points = queries.points + np.array([off, 0, 0])
+    assert on_objects(replace(queries, points=points), masks).tolist() == [False, True, False]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -89,3 +91,16 @@ def test_queries_in_pixels_are_t_x_y() -> None:
     # Fractions of width and height, half a pixel to the left of and above where TAP-Vid counts from.
     expected = [[2, *(video.points[0, 2] * [6, 4] - 0.5)]]
     np.testing.assert_allclose(query, expected, rtol=1e-6)  # float32
+
+
+@pytest.mark.parametrize("query_mode", ["first", "strided"])
+def test_what_is_judged_goes_with_its_track(query_mode: str) -> None:
+    video = make_video(hidden_but(7, [2, 3, 6], [], [0, 5]))
+    judged = np.random.default_rng(1).random((3, 7)) < 0.5
+    queries = sample_queries(replace(video, judged=judged), query_mode)
+    tracks = [0, 2] if query_mode == "first" else [2, 2]
+    np.testing.assert_array_equal(queries.judged, judged[tracks])
+    some = queries.chosen(np.array([False, True]))
+    np.testing.assert_array_equal(some.judged, judged[[2]])
+    np.testing.assert_array_equal(some.tracks, queries.tracks[1:])
+    assert sample_queries(video, query_mode).chosen(np.array([False, True])).judged is None

@@ -132,3 +132,17 @@ def test_padding_with_hidden_frames_changes_no_position_score(seed: int, query_m
     before, after = all_metrics(arrays, query_mode), all_metrics(padded, query_mode)
     changes = {"occlusion_accuracy", "survival"}  # shares of all counted frames, hidden ones too
     assert_same({name: value for name, value in before.items() if name not in changes}, after)
+
+
+@pytest.mark.parametrize("off", [0.4, -0.4])
+def test_a_query_s_frame_is_the_nearest_one(off: float) -> None:
+    track = example([[0, 51, 0, 50, 60, 0]], [[0] * 6], [2])
+    track["query_points"][..., 0] += off
+    assert survival(**track, query_mode="strided")[0] == pytest.approx(1 / 5)
+    assert survival(**track, query_mode="first")[0] == pytest.approx(1 / 3)
+
+
+def test_nothing_fails_in_the_query_s_frame() -> None:
+    """Which does not count, wherever a tracker says that the query is."""
+    track = example([[0, 0, 99, 0, 0, 0]], [[0] * 6], [2])
+    assert survival(**track, query_mode="strided")[0] == survival(**track, query_mode="first")[0] == 1

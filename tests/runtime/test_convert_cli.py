@@ -6,12 +6,14 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from clip_files import flat_frames, write_video
 from decomo_runtime import About, Tracker, Tracks, convert
 from decomo_runtime.cli import main as track
 from decomo_runtime.contract import META_PIXEL_ASPECT
@@ -203,3 +205,15 @@ class TestTrack:
         assert f"the page's JSON holds all {NUM_FRAMES} frames of the clip" in capsys.readouterr().err
         assert track(arguments) == 0
         assert Tracks.load(tmp_path / "a.json").size == (HEIGHT, WIDTH)
+
+
+def test_what_is_told_goes_before_what_the_clip_says(unsized: Path, tmp_path: Path):
+    """A proxy of half the size, of which each picture is shown for twice as long."""
+    proxy = write_video(tmp_path / "proxy.mp4", flat_frames(range(5), 180, 320), 12, pixel_aspect=Fraction(4, 3))
+    convert(unsized, tmp_path / "a.txt", "after-effects", clip=proxy, size=(360, 640), fps=24)
+    source, _ = read_after_effects((tmp_path / "a.txt").read_text())
+    assert (source["Source Width"], source["Source Height"], source["Units Per Second"]) == (640, 360, 24)
+    assert source["Source Pixel Aspect Ratio"] == pytest.approx(4 / 3, rel=1e-5)
+    found = convert(unsized, tmp_path / "b.txt", "after-effects", clip=proxy, size=(360, 640))
+    assert read_after_effects((tmp_path / "b.txt").read_text())[0]["Units Per Second"] == 12
+    assert found.size is None

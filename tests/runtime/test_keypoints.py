@@ -13,7 +13,7 @@ import pytest
 from consumers import consumer
 from decomo_runtime import QueryError
 from decomo_runtime.convert_cli import main as convert
-from decomo_runtime.formats.corrections import corrections_of
+from decomo_runtime.formats.corrections import convert_keypoints, corrections_of
 from decomo_runtime.formats.keypoints import Keypoints
 from decomo_runtime.keypoints import read_keypoints
 from decomotion.clip import Clip
@@ -276,3 +276,89 @@ def test_keypoints_of_one_frame_correct_nothing(tmp_path: Path, capsys: pytest.C
     assert convert([str(tmp_path / "labels.csv"), str(tmp_path / "out.csv"), "--to", "corrections"]) == 2
     assert "label more frames" in capsys.readouterr().err
     assert not (tmp_path / "out.csv").exists()
+
+
+def test_files_as_other_programs_write_them(tmp_path: Path):
+    """With a mark of their encoding; CVAT's tracks are attributes, of which there may be none."""
+    content = coco()
+    content["annotations"] += [content["annotations"][0] | {"id": 3}]
+    attributes = ({"track_id": 1}, None, {"track_id": 2})
+    content["annotations"] = [
+        each | {"attributes": given} for each, given in zip(content["annotations"], attributes, strict=True)
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(content), encoding="utf-8-sig")
+    keypoints = read_keypoints(tmp_path / "a.json")
+    assert keypoints.names == tuple(f"mouse{track}.{part}" for track in (1, "", 2) for part in ("nose", "tail"))
+
+
+def test_crowds_and_what_has_no_keypoint_are_no_objects(tmp_path: Path):
+    """COCO has all its boxes in one list."""
+    content = coco()
+    others = ({"iscrowd": 1}, {"keypoints": [0] * 6}, {"keypoints": []})
+    expected = read_keypoints(written(tmp_path, content, "a.json"))
+    content["annotations"] += [content["annotations"][0] | other for other in others]
+    content["images"].append({"id": 9, "file_name": "none", "frame_id": 77})
+    content["annotations"].append(content["annotations"][0] | {"image_id": 9, "keypoints": [0] * 6})
+    found = read_keypoints(written(tmp_path, content, "b.json"))
+    assert found.names == expected.names
+    np.testing.assert_array_equal(found.frames, expected.frames)
+    np.testing.assert_array_equal(found.xy, expected.xy)
+
+
+def test_the_last_number_of_a_name_is_its_frame_s(tmp_path: Path):
+    named = written(tmp_path, coco(images=images("cam2_0012_left.png", "cam2_0010_left.png")), "a.json")
+    np.testing.assert_array_equal(read_keypoints(named, first=9).frames, [1, 3])
+    from_1 = written(tmp_path, coco(images=images("f_0002.jpg", "f_0001.jpg")), "b.json")
+    with pytest.raises(QueryError, match="do not tell which frames of the clip"):
+        read_keypoints(from_1)
+
+
+def test_empty_cells_and_lines_of_deeplabcut(tmp_path: Path):
+    """As spreadsheets leave them. A place without a likelihood is not sure."""
+    cells = PREDICTIONS.replace("0.7,,,", "0.7, , ,") + ",,,,,,\n\n"
+    expected, found = (read_keypoints(written(tmp_path, text)) for text in (PREDICTIONS, cells))
+    for name in ("frames", "xy", "score"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    unsure = read_keypoints(written(tmp_path, PREDICTIONS.replace("180.5,0.2", "180.5,")))
+    np.testing.assert_array_equal(unsure.score[1], [0, 0, 0.61])
+    np.testing.assert_array_equal(unsure.xy[1, 1], [300, 180.5])
+
+
+def test_an_h5_that_says_to_be_huge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    h5py = consumer("h5py")
+    monkeypatch.setattr("decomo_runtime.formats.deeplabcut.MOST_BYTES", 2**20)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("df_with_missing")
+        group.attrs["pandas_type"], group.attrs["nblocks"] = "frame", 1
+        for level, names in enumerate(((b"net",), (b"nose",), (b"x", b"y"))):
+            group[f"axis0_level{level}"] = list(names)
+            group[f"axis0_label{level}"] = [0, 1] if len(names) > 1 else [0, 0]
+        group.create_dataset("block0_values", (2**16 + 1, 2), "f8", chunks=(2**12, 2))  # with nothing in it
+    with pytest.raises(QueryError, match=r"a\.h5 is not a table of DeepLabCut \(it has more than "):
+        read_keypoints(tmp_path / "a.h5")
+
+
+def test_half_a_place_is_none():
+    keypoints = Keypoints(("ear",), np.array([2, 5]), np.array([[[NAN, 3], [4, 5]]]), np.array([[1.0, 0.7]]))
+    np.testing.assert_array_equal(keypoints.queries()[0], [[5, 4, 5]])
+
+
+@pytest.mark.parametrize(("count", "said"), [(5, "frames 0, 1, 2, 3, 4$"), (6, r"frames 0, 1, 2, 3, 4, \.\.\.$")])
+def test_some_frames_are_named(count: int, said: str):
+    keypoints = Keypoints(("ear",), np.arange(count), np.zeros((1, count, 2)), np.ones((1, count)))
+    with pytest.raises(QueryError, match=said):
+        keypoints.queries(frame=77)
+
+
+def test_places_are_written_in_full_and_what_is_just_sure_is_in_sight():
+    xy = np.array([[[100, 0], [20.5, 0.125], [3, 40]]])
+    keypoints = Keypoints(("ear",), np.array([0, 3, 4]), xy, np.array([[0.6, 0.6, 0.59]]))
+    assert corrections_of(keypoints) == [(0, "100", "0", 3, "20.5", "0.125", "ear")]
+
+
+def test_corrections_of_images_by_the_clip_s_files(tmp_path: Path):
+    named = coco(images=images("f_0012.jpg", "f_0010.jpg"))
+    named["annotations"][1]["keypoints"] = [11, 21, 2, 301, 181, 2]
+    files = [f"f_{number:04}.jpg" for number in range(9, 14)]
+    assert convert_keypoints(written(tmp_path, named, "a.json"), tmp_path / "out.csv", files) == (2, 2)
+    assert (tmp_path / "out.csv").read_text().splitlines()[1:] == ["1,11,21,3,10.5,20,nose", "1,301,181,3,,,tail"]

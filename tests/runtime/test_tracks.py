@@ -300,3 +300,49 @@ def test_load_names_lacking_arrays_and_wrong_shapes(tmp_path: Path):
         np.savez(path, allow_pickle=False, **(arrays | {"tracks": wrong}))
         with pytest.raises(TracksFileError, match="tracks must be numbers of the shape"):
             Tracks.load(path)
+
+
+@pytest.mark.parametrize("twice", ["x", "time", "error"])
+def test_a_column_that_is_there_twice(tmp_path: Path, twice: str):
+    tracks = some_tracks(timed=True)
+    replace(tracks, error=tracks.occlusion).save(tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    lines = [f"{line},{twice if number == 0 else 1}" for number, line in enumerate(lines)]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(TracksFileError, match=r"a\.csv is not a csv file of tracks"):
+        Tracks.load(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("key", ["error", "refined", "times", "frames"])
+def test_load_looks_at_what_may_be_absent_too(tmp_path: Path, key: str):
+    tracks = some_tracks()
+    arrays = {
+        **{"queries": tracks.queries, "tracks": tracks.xy, "occluded": tracks.occluded, "occlusion": tracks.occlusion},
+        key: np.zeros(5),
+    }
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(TracksFileError, match=rf"{key} must be numbers of the shape .*, got float64 of \[5\]"):
+        Tracks.load(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("frame", [0.5, np.nan, np.inf, 2.0**53])
+def test_frames_are_whole_numbers(tmp_path: Path, frame: float):
+    tracks = some_tracks(3, 2)
+    arrays = {
+        "queries": tracks.queries,
+        "tracks": tracks.xy,
+        "occluded": tracks.occluded,
+        "occlusion": tracks.occlusion,
+    }
+    np.savez(tmp_path / "a.npz", **arrays, frames=np.array([0, frame]))
+    with pytest.raises(TracksFileError, match="frames must be whole numbers"):
+        Tracks.load(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", **arrays, frames=np.array([0, 2.0**53 - 1]))
+    assert Tracks.load(tmp_path / "b.npz").frames.tolist() == [0, 2**53 - 1]
+
+
+def test_places_beyond_single_precision_are_infinitely_far(tmp_path: Path):
+    tracks = some_tracks()
+    arrays = {"queries": tracks.queries, "occluded": tracks.occluded, "occlusion": tracks.occlusion}
+    np.savez(tmp_path / "a.npz", **arrays, tracks=np.full(tracks.xy.shape, -1e300))
+    assert (Tracks.load(tmp_path / "a.npz").xy == -np.inf).all()

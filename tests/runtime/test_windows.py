@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -268,3 +268,46 @@ def test_a_folder_that_contradicts_itself_is_refused(tmp_path: Path):
         write_tiny_model(tmp_path / f"{window.name}.onnx", **size)
     with pytest.raises(ModelFileError, match=r"window-001.onnx is of"):
         Tracker(tmp_path).track([[0, 1, 1]])
+
+
+def test_one_file_is_the_one_window_of_its_clip(tmp_path: Path):
+    model = Standing(Window("walk", 0, 4), in_sight)
+    times = (0.0, 0.1, 0.5, 0.75)
+    model.facts = replace(model.facts, times=times, pixel_aspect=1.5)
+    layout = WindowModels(tmp_path / "walk.onnx", lambda _: cast(Model, model)).layout
+    assert (layout.num_frames, layout.height, layout.width, layout.pixel_aspect) == (4, HEIGHT, WIDTH, 1.5)
+    np.testing.assert_array_equal(layout.times, times)
+
+
+def test_the_models_that_were_asked_last_stay_open(make):
+    windows = split(300, [], 20)
+    models, _ = make(windows)
+    opened: list[str] = []
+    plain = models._opened
+    models._opened = lambda path: opened.append(path.stem) or plain(path)
+    for number in (*range(1, MOST_OPEN), 0, MOST_OPEN, 0):  # the first was open, and is asked for again
+        assert len(models[number].facts.clip_name)
+    assert opened == [windows[number].name for number in range(1, MOST_OPEN + 1)]
+    assert models[1].facts is not None
+    assert opened[-1] == windows[1].name
+
+
+@pytest.mark.parametrize("longest", [20, 50])  # several windows, and one
+def test_the_limits_of_memory_reach_the_models_that_look_at_rays(make, longest: int, monkeypatch: pytest.MonkeyPatch):
+    models, _ = make(split(50, [], longest))
+    given = []
+
+    def sample(self, queries, chunk=None, max_memory=None):
+        given.append((chunk, max_memory))
+        return Appearance(*np.zeros((3, len(queries), 3), np.float32), *np.zeros((3, len(queries)), np.float32))
+
+    monkeypatch.setattr(Standing, "sample", sample)
+    models.sample(np.array([[0, 1, 1], [49, 2, 2]], np.float32), 7, 10**6)
+    assert given == [(7, 10**6)] * (2 if longest == 20 else 1)
+
+
+def test_what_comes_back_was_hidden_in_the_middle_of_the_shared_frames(make):
+    """Those with the window behind, as time goes, which one leaves."""
+    models, _ = make((Window("window-000", 0, 20), Window("window-001", 14, 40), Window("window-002", 32, 60)))
+    assert [models.returning(1, 1).frame, models.returning(1, -1).frame] == [17, 36]
+    assert models.returning(1, -1) is models.returning(1, -1)

@@ -94,4 +94,4 @@ def first_frames(where: str, found: Mapping[str, Array], num_frames: int) -> dic
 
 def evenly(number: int, wanted: int) -> npt.NDArray[np.int64]:
     """Numbers of so many points, evenly spaced from the first to the last; of all where there are no more."""
-    return np.linspace(0, max(number - 1, 0), min(number, wanted)).astype(np.int64)
+    return np.linspace(0, number - 1, min(number, wanted)).astype(np.int64)

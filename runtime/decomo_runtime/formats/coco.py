@@ -122,7 +122,7 @@ def frames_of(path: Path, images: Sequence[dict[str, Any]], files: Sequence[str]
     if all("frame_id" in image for image in images):
         return [int(image["frame_id"]) for image in images]
     names = [Path(image["file_name"]).name for image in images]
-    place = {name: number for number, name in reversed(list(enumerate(files)))}
+    place = {name: number for number, name in enumerate(files)}
     if files and place.keys() >= set(names):
         return [place[name] for name in names]
     found = [re.search(r"(\d+)\D*$", Path(name).stem) for name in names]

@@ -52,7 +52,7 @@ _GIVE = "give one that DeepLabCut wrote"
 
 def check(_: int, frames: npt.NDArray[np.int64], __: About) -> None:
     """`TracksFileError` where there are more frames than a table has rows for."""
-    first, last = frames.min(initial=0), frames.max(initial=0)
+    first, last = (frames.min(), frames.max()) if len(frames) else (0, 0)
     if first < 0 or last >= MOST_FRAMES:
         raise TracksFileError(
             f"DeepLabCut's table has a row for each frame of the video, 0 to {MOST_FRAMES - 1} at most, but there are "

@@ -105,6 +105,7 @@ def test_one_animal_twice_is_refused(tmp_path: Path) -> None:
         ({"image_path": "../00002.jpg"}, "a path below its folder as image_path"),
         ({"segmentation_path": f"DAVIS/{ANIMAL}/99999999.png"}, "a frame's file is named by its number"),
         ({"image_path": "DAVIS/JPEGImages/480p/horsejump-high/00002.jpg"}, "the first among them"),
+        ({"image_path": f"DAVIS/JPEGImages/Full-Resolution/{ANIMAL}/00002.png"}, "the first among them"),
     ],
 )
 def test_what_does_not_fit_is_named(changed: dict[str, Any], words: str, tmp_path: Path) -> None:

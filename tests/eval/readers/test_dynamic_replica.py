@@ -193,3 +193,14 @@ def test_all_frames_have_as_many_points_as_the_first(tmp_path: Path) -> None:
     changed(tmp_path, 1, traj_2d=np.zeros((8, 3)), verts_inds_vis=np.ones(8, bool))
     with pytest.raises(DatasetError, match=r"N = 7 as in the sequence's first frame, not \[8, 3\] and \[8\]"):
         read_dataset(tmp_path)[SEQUENCE]
+
+
+def test_frames_of_other_cameras_are_left_out(tmp_path: Path) -> None:
+    write_dynamic_replica(tmp_path)
+    before = read_dataset(tmp_path)[SEQUENCE]
+    known = [entry for entry in entries(tmp_path) if entry["camera_name"] == "left"]
+    others = [{**known[0], "camera_name": name} for name in ("right", "top")]
+    write_annotations(tmp_path, [*others, *known, {key: known[0][key] for key in known[0] if key != "camera_name"}])
+    after = read_dataset(tmp_path)[SEQUENCE]
+    np.testing.assert_array_equal(after.points, before.points)
+    assert after.num_frames == before.num_frames

@@ -145,3 +145,9 @@ def test_of_both_releases_the_later_is_read(tmp_path: Path) -> None:
     code = truth["visibs"].astype(np.uint8)
     np.savez(tmp_path / SCENE / "annotations.npz", trajs_2d=truth["trajs_2d"] + 1, visibilities=code)
     np.testing.assert_array_equal(scene(tmp_path).points, expected)
+
+
+def test_scenes_are_in_alphabetic_order_without_hidden_ones(tmp_path: Path) -> None:
+    for scene in ("scene_b", ".scene_c", "scene_a", "scene_d"):
+        write_pointodyssey(tmp_path, scene)
+    assert list(read_dataset(tmp_path)) == ["scene_a", "scene_b", "scene_d"]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -102,6 +105,92 @@ def test_without_a_path_the_open_clip_is_taken(bpy: str, tmp_path: Path, frames:
     failed = run(bpy, tmp_path / "tracks.py", opened=(other,))
     assert failed.returncode
     assert "open one clip of 640 x 360 in the Movie Clip Editor" in failed.stderr
+
+
+@dataclass
+class Marker:
+    frame: int
+    co: tuple[float, float]
+    mute: bool = False
+
+
+class Markers(list[Marker]):
+    def insert_frame(self, frame: int, co: tuple[float, float]) -> Marker:
+        self.delete_frame(frame)
+        self.append(Marker(frame, co))
+        return self[-1]
+
+    def delete_frame(self, frame: int) -> None:
+        self[:] = [marker for marker in self if marker.frame != frame]
+
+
+class Made(dict[str, SimpleNamespace]):
+    """A clip's tracks; a new one has a marker in the frame in which it was made."""
+
+    def new(self, name: str, frame: int) -> SimpleNamespace:
+        self[name] = SimpleNamespace(weight=1.0, markers=Markers([Marker(frame, (0, 0))]))
+        return self[name]
+
+
+class StandIn:
+    """As much of `bpy` as the script asks for, for where there is none: what it says of places needs no Blender."""
+
+    def __init__(self, *sizes: tuple[int, int]) -> None:
+        self.opened = [
+            SimpleNamespace(
+                size=size,
+                frame_start=0,
+                tracking=SimpleNamespace(tracks=Made(), camera=SimpleNamespace(pixel_aspect=0)),
+            )
+            for size in sizes
+        ]
+        self.loaded: list[str] = []
+
+    def load(self, path: str, check_existing: bool) -> SimpleNamespace:
+        assert check_existing
+        self.loaded.append(path)
+        return self.opened[0]
+
+    def __iter__(self) -> Iterator[SimpleNamespace]:
+        return iter(self.opened)
+
+    def run(self, script: Path) -> SimpleNamespace:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setitem(sys.modules, "bpy", SimpleNamespace(data=SimpleNamespace(movieclips=self)))
+            runpy.run_path(str(script))
+        return self.opened[0]
+
+
+def test_places_and_frames_without_blender(tmp_path: Path):
+    """Shares of 640x360 from the bottom left, frames from 1; muted beside what is in sight, but not before frame 1."""
+    tracks = known_tracks()
+    occlusion = tracks.occlusion.copy()
+    occlusion[0, [0, 1]] = 0.5, 0.1
+    replace(tracks, occlusion=occlusion).save(tmp_path / "a.py", about=About(first_frame=101, pixel_aspect=1.5))
+    clip = StandIn((WIDTH, HEIGHT)).run(tmp_path / "a.py")
+    assert (clip.frame_start, clip.tracking.camera.pixel_aspect) == (101, 1.5)
+    corner, late = clip.tracking.tracks.values()
+    assert (corner.weight, late.weight) == (pytest.approx((0.5 + 0.9 + 1 + 1) / 4), 1)
+    seen = {marker.frame: marker.co for marker in corner.markers if not marker.mute}
+    places = {1: (0.5, 359.5), 2: (639.5, 0.5), 4: (320.0, 180.0), 5: (10.75, 339.0)}
+    assert seen == {frame: pytest.approx((x / WIDTH, y / HEIGHT)) for frame, (x, y) in places.items()}
+    assert sorted(marker.frame for marker in corner.markers if marker.mute) == [3, 6]
+    assert sorted(marker.frame for marker in late.markers if marker.mute) == [3, 6]
+    assert sorted(marker.frame for marker in late.markers) == [3, 4, 5, 6]
+
+
+def test_which_clip_without_blender(tmp_path: Path, frames: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    known_tracks().save(tmp_path / "a.py", about=About(clip=Path(frames.name)))
+    blender = StandIn((WIDTH, HEIGHT))
+    blender.run(tmp_path / "a.py")
+    assert blender.loaded == [str(frames / "0000.png")]  # Blender runs elsewhere
+    known_tracks().save(tmp_path / "b.py")
+    blender = StandIn((HEIGHT, WIDTH), (WIDTH, HEIGHT))
+    blender.run(tmp_path / "b.py")
+    assert [list(clip.tracking.tracks) for clip in blender.opened] == [[], ["point_00", "point_01"]]
+    with pytest.raises(RuntimeError, match="open one clip of 640 x 360 in the Movie Clip Editor"):
+        StandIn((WIDTH, HEIGHT), (WIDTH, HEIGHT)).run(tmp_path / "b.py")
 
 
 def test_limits_of_blender(tmp_path: Path):

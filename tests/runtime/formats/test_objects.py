@@ -26,6 +26,7 @@ MICE = About(points=("a.nose", "b.nose", "a.tail"), name="mouse")
         (("a.nose", "b.nose", "tail"), ["mouse"], ["a.nose", "b.nose", "tail"], [[0, 1, 2]]),
         (("a.1", "b.2", "c.3"), ["mouse"], ["a.1", "b.2", "c.3"], [[0, 1, 2]]),  # nothing in common
         (("a.", "b.", "c."), ["mouse"], ["a.", "b.", "c."], [[0, 1, 2]]),
+        ((".n", "b.n", "c.n"), ["mouse"], [".n", "b.n", "c.n"], [[0, 1, 2]]),
         (("a.n", "a.n", "b.n"), ["a", "b"], ["n", "n_2"], [[0, 1], [2, -1]]),
         ((), ["mouse"], ["point_00", "point_01", "point_02"], [[0, 1, 2]]),
     ],
@@ -34,6 +35,12 @@ def test_objects(points: tuple[str, ...], names: list[str], parts: list[str], ro
     found = objects_of(About(points=points, name="mouse"), 3)
     assert (found.names, found.parts, found.rows.tolist()) == (names, parts, rows)
     assert found.several == (len(names) > 1)
+
+
+@pytest.mark.parametrize(("points", "several"), [(("a.1", "b.2"), True), (("a.1", "b.2", "c.2", "c.3"), False)])
+def test_objects_have_half_of_the_parts_at_least(points: tuple[str, ...], several: bool):
+    """Two of four places are filled; and four of nine."""
+    assert objects_of(About(points=points), len(points)).several == several
 
 
 @pytest.mark.parametrize("ending", [".csv", ".h5"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from decomo_runtime import About, Tracks, TracksFileError, convert
+from decomo_runtime.formats.page import check
 from decomo_runtime.formats.registry import read
 from known_tracks import known_tracks
 
@@ -86,11 +87,20 @@ def test_no_json(tmp_path: Path, content: bytes):
         Tracks.load(tmp_path / "a.json")
 
 
-def test_newer_version(tmp_path: Path):
+@pytest.mark.parametrize("version", [0, 2])
+def test_another_version(tmp_path: Path, version: int):
     path = saved(tmp_path)
-    path.write_text(path.read_text().replace('"version":1', '"version":2'))
-    with pytest.raises(TracksFileError, match="has version 2, but this reads 1; upgrade"):
+    path.write_text(path.read_text().replace('"version":1', f'"version":{version}'))
+    with pytest.raises(TracksFileError, match=f"has version {version}, but this reads 1; upgrade"):
         Tracks.load(path)
+
+
+def test_a_clip_without_a_name(tmp_path: Path):
+    content = json.loads(saved(tmp_path).read_text())
+    for name in ({"name": ""}, {}):
+        content["clip"] = {key: value for key, value in content["clip"].items() if key != "name"} | name
+        (tmp_path / "a.json").write_text(json.dumps(content))
+        assert read(tmp_path / "a.json")[1].name == "clip"
 
 
 def test_no_points(tmp_path: Path):
@@ -112,3 +122,4 @@ def test_what_the_page_does_not_take(tmp_path: Path):
     with pytest.raises(TracksFileError, match="takes 2000 points at once, but there are 2001"):
         crowd.save(tmp_path / "a.json")
     assert not list(tmp_path.iterdir())
+    check(2000, tracks.frames, About())

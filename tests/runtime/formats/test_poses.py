@@ -13,6 +13,7 @@ import pytest
 
 from consumers import consumer
 from decomo_runtime import About, Tracks, TracksFileError
+from decomo_runtime.formats.deeplabcut import check
 from decomo_runtime.keypoints import read_keypoints
 from known_tracks import HEIGHT, HIDDEN, NUM_FRAMES, PLACES, WIDTH, known_tracks, wandering_tracks
 
@@ -115,6 +116,9 @@ class TestDeepLabCut:
             with pytest.raises(TracksFileError, match=rf"there are tracks in frames {frames[0]} to {frames[1]}; mend"):
                 far.save(tmp_path / "a.csv", "deeplabcut")
         assert not list(tmp_path.iterdir())
+        check(2, np.array([0, 10**6 - 1]), About())
+        with pytest.raises(TracksFileError, match="0 to 999999 at most, but there are tracks in frames 7 to 1000000"):
+            check(2, np.array([7, 10**6]), About())
 
 
 @pytest.mark.parametrize("length", [1, 40])
@@ -154,6 +158,7 @@ class TestSleap:
         assert [bool(point["visible"]) for point in corner] == [True, True, False, True, True]
         assert labels.video.filename == "goat"
         assert tuple(labels.video.shape) == (5, HEIGHT, WIDTH, 3)
+        assert labels.video.backend_metadata["fps"] == 25
 
     def test_movement_reads_hidden_points_as_gaps(self, tmp_path: Path):
         load = consumer("movement.io.load_poses")

@@ -123,6 +123,8 @@ class TestWhatIsKnown:
             assert found == pytest.approx(rate, rel=2.1e-6 * rate)  # a microsecond of each time
             if rate in (30, 24, 240, 12.5, 0.5):
                 assert found == rate
+            elif rate == 30000 / 1001:
+                assert found == pytest.approx(rate, rel=1e-12)  # of any length: it is plainer than 29.970030
             elif length > 900:
                 assert found == pytest.approx(rate, abs=1e-6)
 
@@ -196,6 +198,25 @@ class TestWhatIsKnown:
         with pytest.raises(TracksFileError, match=words):
             known_tracks().save(tmp_path / "a.nk", about=about)
 
+    @pytest.mark.parametrize(
+        ("place", "taken"),
+        [
+            *(((-0.5, -0.5), True), ((639.5, 359.5), True), ((639.6, 9), False), ((-0.6, 9), False)),
+            *(((9, 359.6), False), ((9, -0.6), False)),
+        ],
+    )
+    def test_points_are_given_up_to_the_edge_of_the_frame(
+        self, place: tuple[float, float], taken: bool, tmp_path: Path
+    ):
+        tracks = known_tracks(sized=False)
+        tracks.queries[1, 1:] = place
+        about = About(size=(360, 640))
+        if taken:
+            tracks.save(tmp_path / "a.nk", about=about)
+            return
+        with pytest.raises(TracksFileError, match=r"point 1 .*, outside of frames of 640x360; give the clip"):
+            tracks.save(tmp_path / "a.nk", about=about)
+
     def test_another_clip_of_a_csv(self, tmp_path: Path):
         with pytest.raises(TracksFileError, match=r"point 2 .* at \(5, 5\), outside of frames of 640x5; give the clip"):
             known_tracks(sized=False).save(tmp_path / "a.nk", about=About(size=(5, 640)))
@@ -265,6 +286,20 @@ class TestCornerPin:
         tracks.xy[2] = (40, 30)
         with pytest.raises(TracksFileError, match="in frame 1 of Nuke one of the points lies within the triangle"):
             tracks.save(tmp_path / "a.nk", "nuke-corner-pin")
+
+    def test_three_corners_on_a_line(self, tmp_path: Path):
+        tracks = four(known_tracks())
+        tracks.xy[1] = (50, 10)
+        tracks.xy[2] = (90, 10)
+        with pytest.raises(TracksFileError, match="lies within the triangle of the others, or on its border"):
+            tracks.save(tmp_path / "a.nk", "nuke-corner-pin")
+
+    def test_a_corner_that_is_never_in_sight(self, tmp_path: Path):
+        tracks = four(known_tracks())
+        tracks.occluded[2] = True
+        with pytest.raises(TracksFileError, match="needs a frame in which all 4 points are in sight; these have none"):
+            tracks.save(tmp_path / "a.nk", "nuke-corner-pin")
+        assert not list(tmp_path.iterdir())
 
     def test_never_together(self, tmp_path: Path):
         tracks = four(known_tracks())

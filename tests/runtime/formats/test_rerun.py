@@ -122,3 +122,13 @@ def test_rerun_s_own_check(recorded: Callable[..., tuple[Any, dict[str, dict[int
     command = [sys.executable, "-m", "rerun", "rrd", "verify", str(tmp_path / "a.rrd")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert "1 file verified without error" in done.stdout + done.stderr
+
+
+def test_a_trail_has_its_point_s_colour(recorded: Callable[..., tuple[Any, dict[str, dict[int, Row]]]]):
+    tracks = known_tracks()
+    occluded = tracks.occluded.copy()
+    occluded[0, 4] = True  # the second point alone has a step there
+    _, entities = recorded(replace(tracks, occluded=occluded), colours=("#ff0000", "#00ff80", "#000000"))
+    row = entities["/clip/trails"][4]
+    assert row["LineStrips2D:strips"] == [[[1.5, 2.5], [3.5, 5]]]
+    assert row["LineStrips2D:colors"] == [0x00FF80FF]
