@@ -1,8 +1,8 @@
 """The one order of a folder's frames, by their names; `docs/formats.md` states it, the page has the same.
 
-A name without its ending is cut into text and numbers, in turn. Numbers are compared as numbers, text in lower case by
-code points, and what is still equal by the whole names. A dash may be a minus, a dot a decimal point: where that makes
-another order, the names must show which it is.
+A name without its ending is cut into text and numbers, in turn. Numbers are compared as numbers, text in lower case and
+composed (NFC) by code points, and what is still equal by the whole names. A dash may be a minus, a dot or a comma a
+decimal point: where that makes another order, the names must show which it is.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from itertools import combinations, pairwise
 from pathlib import PurePath
+from unicodedata import normalize
 
 from decomotion.errors import ClipError
 
@@ -43,10 +44,12 @@ def _sorted(names: Sequence[str], minus: bool = False, decimal: bool = False) ->
 
 def name_key(name: str, minus: bool = False, decimal: bool = False) -> Key:
     """Text and numbers of a name without its ending, in turn; numbers have a sign, or decimals, where that is said."""
-    sign, fraction = "-?" if minus else "", rf"(?:\.[{_DIGITS}]+)?" if decimal else ""
-    number = rf"({_AMONG_NUMBERS}{sign}[{_DIGITS}]+{fraction}{_NO_NUMBERS_MORE}|[{_DIGITS}]+)"
-    parts = re.split(number, PurePath(name).stem.lower())
-    return [Fraction(part) if place % 2 else part for place, part in enumerate(parts)]
+    sign, fraction = "-?" if minus else "", rf"(?:[.,][{_DIGITS}]+)?" if decimal else ""
+    alone = rf"{_AMONG_NUMBERS}{sign}[{_DIGITS}]+{fraction}{_NO_NUMBERS_MORE}"
+    if decimal:
+        alone = rf"(?<![{_DIGITS}],(?=[{_DIGITS}])){alone}(?!,[{_DIGITS}])"
+    parts = re.split(rf"({alone}|[{_DIGITS}]+)", normalize("NFC", PurePath(name).stem.lower()))
+    return [Fraction(part.replace(",", ".")) if place % 2 else part for place, part in enumerate(parts)]
 
 
 def words_and_numbers(name: str) -> tuple[tuple[str, ...], Numbers]:
@@ -105,8 +108,8 @@ def _has_minus(names: Sequence[str]) -> bool:
         for place, part in enumerate(key):
             if isinstance(part, Fraction) and part < 0:
                 signed[tuple(key[:place])] = name
-            elif isinstance(part, Fraction):
-                plain.add(tuple(key[:place]))
+        for way in (key, name_key(name, minus=True)):  # (0,-1) and (0,1) are no decimal numbers
+            plain |= {tuple(way[:place]) for place, part in enumerate(way) if isinstance(part, Fraction) and part >= 0}
     if signed.keys() & plain:
         return True
     for before, name in signed.items():
@@ -118,17 +121,19 @@ def _has_minus(names: Sequence[str]) -> bool:
 
 
 def _has_decimals(names: Sequence[str], minus: bool) -> bool:
-    """Whether a dot between numbers is a decimal point; false too where it makes no other order.
+    """Whether a dot or a comma between numbers is a decimal point; false too where it makes no other order.
 
     It is none where two names would then be one number, as 1.1 and 1.10. It is one where it has to be for the sake of
     a 0 right behind it (0.05), or of the frames' even distance (0.25, 0.5, 0.75). What else can be read both ways is
     refused, as 1.9 and 1.10.
     """
+    if minus and any(re.search(rf"[{_DIGITS}],-[{_DIGITS}]", name) for name in names):  # two numbers, as in (0,-1)
+        return False
     counted, measured = _sorted(names, minus), _sorted(names, minus, decimal=True)
     keys = [name_key(name, minus, decimal=True) for name in measured]
     if counted == measured or any(key == after for key, after in pairwise(keys)):
         return False
-    fractions = [digits for name in names for digits in re.findall(rf"\.([{_DIGITS}]+)", PurePath(name).stem)]
+    fractions = [digits for name in names for digits in re.findall(rf"[.,]([{_DIGITS}]+)", PurePath(name).stem)]
     longer = [digits for digits in fractions if len(digits) > 1]
     if any(digits[0] == "0" for digits in longer):
         return True
@@ -137,7 +142,7 @@ def _has_decimals(names: Sequence[str], minus: bool) -> bool:
     first = next(place for place, pair in enumerate(zip(counted, measured, strict=True)) if pair[0] != pair[1])
     raise ClipError(
         f"{counted[first]} and {measured[first]} follow each other in one order as decimal numbers and in the other as "
-        "counters; give all names as many digits behind the dot"
+        "counters; give all names as many decimals"
     )
 
 

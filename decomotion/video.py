@@ -33,6 +33,8 @@ log = logging.getLogger(__name__)
 
 FALLBACK_RATE = 24.0
 """Frames a second of a file that says nothing of it."""
+FATAL_PIXELS = frozenset({"yaf32le", "yaf32be"})
+"""Grey and alpha in floats: FFmpeg ends the process at their conversion, while of others it tells that it has none."""
 ROUNDING = 1e-3
 """Seconds by which a container may round the time of a frame: Matroska has whole milliseconds."""
 
@@ -118,7 +120,7 @@ def _surveyed(
 ) -> tuple[Survey, GreyFile | None]:
     """Decodes the file up to `end`; small pictures are of the frames from `begin` on, None where there is no room.
 
-    Raises `ClipError` where those are of several sizes.
+    Raises `ClipError` where those are of several sizes, or pixels are not to be converted.
     """
     from av.video.reformatter import VideoReformatter
 
@@ -126,6 +128,10 @@ def _surveyed(
     with suppress(OSError):  # no room for temporary files: whoever wants small pictures makes them
         greys = GreyFile()
     for number, frame in enumerate(islice(decoded(container, stream, survey.met), end)):
+        if frame.format.name in FATAL_PIXELS:
+            raise ClipError(
+                f"{file.shown} has pixels ({frame.format.name}) that FFmpeg cannot convert; save it without alpha"
+            )
         survey.add(frame)
         if number < begin:
             continue

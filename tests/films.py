@@ -116,3 +116,29 @@ def by_a_palette(folder: Path) -> Path:
             file.mux(stream.encode(av.VideoFrame.from_ndarray((entries, palette), format="pal8")))  # pyright: ignore
         file.mux(stream.encode())
     return path
+
+
+def grey_and_alpha_exr(height: int, width: int) -> bytes:
+    """An OpenEXR file of floats of 32 bits, without compression."""
+
+    def attribute(name: bytes, kind: bytes, value: bytes) -> bytes:
+        return name + b"\0" + kind + b"\0" + struct.pack("<I", len(value)) + value
+
+    channels = b"".join(name + b"\0" + struct.pack("<iB3xii", 2, 0, 1, 1) for name in (b"A", b"Y")) + b"\0"
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    attributes = (
+        attribute(b"channels", b"chlist", channels),
+        attribute(b"compression", b"compression", b"\0"),
+        attribute(b"dataWindow", b"box2i", box),
+        attribute(b"displayWindow", b"box2i", box),
+        attribute(b"lineOrder", b"lineOrder", b"\0"),
+        attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1)),
+        attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0)),
+        attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1)),
+    )
+    head = struct.pack("<II", 20000630, 2) + b"".join(attributes) + b"\0"
+    row = struct.pack(f"<{2 * width}f", *[0.5] * (2 * width))
+    lines = [struct.pack("<iI", number, len(row)) + row for number in range(height)]
+    first = len(head) + 8 * height
+    places = struct.pack(f"<{height}Q", *[first + number * len(lines[0]) for number in range(height)])
+    return head + places + b"".join(lines)

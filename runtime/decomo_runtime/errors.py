@@ -38,7 +38,7 @@ class RefinementError(RuntimeInputError):
 
 
 class RenderError(RuntimeInputError):
-    """What is to be rendered does not exist, or options of a rendering contradict each other."""
+    """What is to be rendered does not exist, no video can show it, or options of a rendering contradict each other."""
 
 
 class ViewError(RuntimeInputError):

@@ -100,7 +100,8 @@ def write_video(
             long as the one before it.
         pixel_aspect: a pixel's width by its height, of which the file tells; .webm is scaled to square pixels instead.
 
-    Raises `OSError`, naming `path`, where the disk is full.
+    Raises `OSError`, naming `path`, where the disk is full, `RenderError` where a frame is shown for longer than a file
+    can say (`ticks.py`), or there are too many a second.
     """
     import av
     from av.video.stream import VideoStream

@@ -10,6 +10,7 @@ from itertools import count, pairwise
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.errors import RenderError
 from decomotion.times import is_steady
 
 LARGEST = 1001
@@ -17,6 +18,10 @@ LARGEST = 1001
 _TICK, _SLOW_TICK = Fraction(1, 90_000), Fraction(1, 1000)
 _LONG = 1000
 """Seconds; the second tick is for frames that are shown for longer, as a file has 31 bits for a frame's length."""
+LONGEST = 100_000
+"""Seconds that a frame can be shown for: FFmpeg parts what it is given into 16,000 a second."""
+FASTEST = 1_000_000
+"""Frames a second: a rate is a fraction of two numbers of 31 bits."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +39,20 @@ class Ticks:
 
 
 def ticks_of(fps: float, times: npt.ArrayLike | None = None) -> Ticks:
-    """Of frames at `fps` a second, or at `times` [frame], in seconds, rising; the last is as long as that before it."""
+    """Of frames at `fps` a second, or at `times` [frame], in seconds, rising; the last is as long as that before it.
+
+    Raises `RenderError` where a frame would be shown for longer than `LONGEST`, or `fps` is above `FASTEST`.
+    """
+    if not 0 < fps <= FASTEST:
+        raise RenderError(f"no video can have {fps:g} frames a second, at most {FASTEST:,}; write images instead")
     if times is not None and is_steady(times, fps):
         times = None
     if times is None and fps >= 1:
         rate = Fraction(fps).limit_denominator(LARGEST)
         return Ticks(rate, 1 / rate, ((number, 1) for number in count()), True)
+    longest = 1 / fps if times is None else float(np.diff(np.asarray(times, np.float64)).max())
+    if longest > LONGEST:
+        raise RenderError(f"no video can show a frame for {longest:.6g} s, at most {LONGEST:,}; write images instead")
     rate = max(Fraction(fps).limit_denominator(LARGEST), Fraction(1, LARGEST))
     if times is None:
         tick = _SLOW_TICK if 1 / fps > _LONG else _TICK

@@ -46,7 +46,8 @@ class Tracks:
         return f"Tracks({number} point{'s' * (number != 1)} in {length} frame{'s' * (length != 1)}{size}{hidden})"
 
     def within(self, max_error: float) -> Tracks:
-        """The same tracks, with answers marked hidden that may be farther off than `max_error` pixels.
+        """The same tracks, with answers marked hidden that may be farther off than `max_error` pixels, or whose
+        error is not a number.
 
         Raises `QueryError` where the error is not known, or `max_error` is not above 0.
         """
@@ -54,7 +55,7 @@ class Tracks:
             raise QueryError(f"an error of {max_error:g} pixels is none to ask for; give one above 0")
         if self.error is None:
             raise QueryError("these tracks do not say how far off they may be; ask the model again")
-        return replace(self, occluded=self.occluded | (self.error > max_error))
+        return replace(self, occluded=self.occluded | ~(self.error <= max_error))
 
     def save(self, path: str | Path, to: str | None = None, *, about: About | None = None) -> None:
         """Writes `path`, whole or not at all, in the format `to`, or in the one that its ending means.

@@ -6,6 +6,7 @@ import logging
 import os
 import shutil
 import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from clip_files import (
 )
 from decomotion.clip import read_clip
 from decomotion.errors import ClipError
+from films import grey_and_alpha_exr
 
 
 class TestVideo:
@@ -79,6 +81,22 @@ class TestVideo:
                 file.mux(packet)
         with pytest.raises(ClipError, match=r"film\.nut does not decode as a video \(.+\); give"):
             read_clip(tmp_path / "film.nut")
+
+    def test_pixels_at_which_ffmpeg_ends_the_process(self, tmp_path: Path):
+        """OpenEXR with grey and alpha in floats. In a process of its own, as that would end with it."""
+        with av.open(str(tmp_path / "film.mov"), "w") as file:
+            stream = file.add_stream("exr", rate=12)
+            stream.height, stream.width, stream.pix_fmt = 12, 20, "grayf32le"
+            for number in range(3):
+                packet = av.Packet(grey_and_alpha_exr(12, 20))
+                packet.stream, packet.time_base, packet.is_keyframe = stream, Fraction(1, 12), True
+                packet.pts = packet.dts = number
+                file.mux(packet)
+        asked = ["-m", "decomotion.entry", "train", str(tmp_path / "film.mov"), "--out", str(tmp_path / "run")]
+        done = subprocess.run([sys.executable, *asked], capture_output=True, text=True)
+        assert done.returncode == 2, done.stderr
+        assert "film.mov has pixels (yaf32le) that FFmpeg cannot convert; save it without alpha" in done.stderr
+        assert not (tmp_path / "run").exists()
 
     def test_one_image_is_one_frame(self, tmp_path: Path):
         write_images(tmp_path, ["0.png"], flat_frames([1]))

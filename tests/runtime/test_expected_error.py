@@ -162,6 +162,15 @@ def test_answers_that_may_be_farther_off_are_marked_hidden(tracker: Tracker):
     np.testing.assert_array_equal(near.within(limit).occluded, tracks.occluded)  # what is hidden stays so
 
 
+def test_an_answer_whose_error_is_no_number_is_marked_hidden(tracker: Tracker):
+    tracks = tracker.track([(0, 3, 4)])
+    assert tracks.error is not None
+    error = np.zeros_like(tracks.error)
+    error[0, 1] = np.nan
+    within = replace(tracks, error=error, occluded=np.zeros_like(tracks.occluded)).within(4)
+    assert within.occluded[0].tolist() == [number == 1 for number in range(len(tracks.frames))]
+
+
 def test_tools_that_take_frames_in_order_get_it_in_order(tracker: Tracker):
     tracks = tracker.track([(0, 3, 4), (5, 20, 30)], [4, 1, 4, 2])
     assert tracks.error is not None

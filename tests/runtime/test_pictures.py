@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from decomo_runtime.errors import RenderError
 from decomo_runtime.pictures import evened, flattened, tiled, write_png, write_sequence, write_video
 from full_disk import writes_end_at
 
@@ -41,6 +42,32 @@ def test_video_plays_in_browsers(tmp_path: Path, fps: float):
 
 
 FORMS = [".mp4", ".webm", ".mov"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("fps", "times", "told"),
+    [
+        (1e-6, None, "no video can show a frame for 1e[+]06 s, at most 100,000; write images instead"),
+        (1e-6, [0, 1e6, 2e6], "for 1e[+]06 s, at most 100,000"),
+        (24.0, [0, 1, 200_001], "for 200000 s, at most 100,000"),
+        (1e300, None, "no video can have 1e[+]300 frames a second, at most 1,000,000; write images instead"),
+        (1e300, [0, 1, 2.5], "1e[+]300 frames a second"),
+        (0.0, None, "0 frames a second"),
+        (float("nan"), None, "nan frames a second"),
+    ],
+)
+def test_rates_that_no_video_can_have(tmp_path: Path, form: str, fps: float, times: list[float] | None, told: str):
+    with pytest.raises(RenderError, match=told):
+        write_video(tmp_path / f"a{form}", [two_colours()] * 3, fps, times=times)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_slowest_and_the_fastest_video(tmp_path: Path, form: str):
+    write_video(tmp_path / f"fast{form}", [two_colours()] * 3, 1e6)
+    write_video(tmp_path / f"slow{form}", [two_colours()] * 3, 1e-5)
+    assert shown_at(tmp_path / f"slow{form}")[0] == [0, 1e5, 2e5]
 
 
 def noise(frames: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from decomo_runtime.tracks import Tracks
 from decomotion.times import steady_times
 
 FORMAT, VERSION = "decomotion.points", 1
-MOST_POINTS = 2000
+MOST_POINTS = 20_000
 """That the page opens."""
 MOST = 10_000_000
 """Frames, pixels of a side and frames a second that a clip may be said to have, so that a few bytes take no memory."""

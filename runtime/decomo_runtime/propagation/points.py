@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from decomo_runtime.propagation import disagreement
 from decomo_runtime.regions import box_mask, region_queries
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ def carry_points(tracker: Tracker, drawn: Mapping[int, tuple[Floats, Mask]], fra
     asked = np.isfinite(xy).all(axis=-1).any(axis=-1).any(axis=0)
     share = (~occluded[asked]).mean(axis=0) if asked.any() else np.zeros(length)
     confidence = trust[asked].mean(axis=0) if asked.any() else np.zeros(length)
-    disagreement, between = _disagreement(annotated, xy, hidden)
-    return Placed(chosen, occluded, confidence.clip(0, 1), share, disagreement, between)
+    apart, between = _disagreement(annotated, xy, hidden)
+    return Placed(chosen, occluded, confidence.clip(0, 1), share, apart, between)
 
 
 def carry_box(tracker: Tracker, drawn: Mapping[int, Floats], frames: npt.NDArray[np.int64]) -> Placed:
@@ -112,8 +112,8 @@ def carry_box(tracker: Tracker, drawn: Mapping[int, Floats], frames: npt.NDArray
     gone = ~(placed[1] > placed[0]).all(axis=-1)
     placed[:, gone] = np.nan
     share, confidence = (np.where(gone, 0, each[best, columns]) for each in (shares, trust))
-    disagreement, between = _disagreement(annotated, xy, np.isnan(xy[..., 0]))
-    return Placed(placed, np.repeat(gone[None], 2, axis=0), confidence.clip(0, 1), share, disagreement, between)
+    apart, between = _disagreement(annotated, xy, np.isnan(xy[..., 0]))
+    return Placed(placed, np.repeat(gone[None], 2, axis=0), confidence.clip(0, 1), share, apart, between)
 
 
 def _in_box(tracker: Tracker, box: Floats, frame: int) -> Floats:
@@ -138,13 +138,5 @@ def _moved(box: Floats, here: Floats, there: Floats) -> Floats:
 
 def _disagreement(annotated: list[int], xy: Floats, hidden: Mask) -> tuple[Floats, npt.NDArray[np.int64]]:
     """[M] and [M, 2] of `Placed`, from [annotated, P, M, 2] and [annotated, P, M]."""
-    length = xy.shape[2]
-    most, between = np.full(length, np.nan), np.full((length, 2), -1)
-    for one, other in combinations(range(len(annotated)), 2):
-        common = ~(hidden[one] | hidden[other]) & np.isfinite(xy[one] + xy[other]).all(axis=-1)
-        apart = np.where(common, np.linalg.norm(xy[one] - xy[other], axis=-1), 0).sum(axis=0)
-        number = common.sum(axis=0)
-        mean = np.divide(apart, number, out=np.full(length, np.nan), where=number > 0)
-        more = (number > 0) & ~(mean <= most)
-        most[more], between[more] = mean[more], (annotated[one], annotated[other])
-    return most, between
+    apart, pairs = disagreement.of_points(xy, hidden)
+    return apart, np.where(pairs < 0, -1, np.array(annotated)[pairs])

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import cv2
@@ -21,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decomo_runtime.layers import look, pixel_queries, raster_size
+from decomo_runtime.propagation import disagreement
 from decomo_runtime.propagation.evidence import Looks
 from decomo_runtime.propagation.rim import Guide
 from decomotion.units import unit
@@ -164,17 +164,16 @@ class Regions:
         in_sight: Mask,
     ) -> Carried:
         mask = without_specks(labels == number + 1)
-        most: tuple[float, tuple[int, int] | None] = (-1.0, None)
         speaking = [column for column, masks in enumerate(said) if number in masks]
-        for one, other in combinations(speaking, 2):
-            both = in_sight[one] & in_sight[other]
-            first, second = (said[column][number][both] > 0.5 for column in (one, other))
-            either = (first | second).sum()
-            if either >= LEAST_COMMON:
-                pair = self._annotated[one], self._annotated[other]
-                most = max(most, (float(1 - (first & second).sum() / either), pair), key=lambda each: each[0])
+        apart = pair = None
+        if len(speaking) > 1:
+            of_each = np.stack([said[column][number] > 0.5 for column in speaking]).reshape(len(speaking), -1)
+            seen = in_sight[speaking].reshape(len(speaking), -1)
+            if (most := disagreement.of_regions(of_each, seen, LEAST_COMMON)) is not None:
+                apart, (one, other) = most
+                pair = self._annotated[speaking[one]], self._annotated[speaking[other]]
         confidence, share = (float(likely[mask].mean()), float(known[mask].mean())) if mask.any() else (0.0, 0.0)
-        return Carried(mask, confidence, share, None if most[1] is None else most[0], most[1])
+        return Carried(mask, confidence, share, apart, pair)
 
     def _picture(self, frame: int, seen: Appearance) -> Floats:
         """[h, w, 3], RGB in [0, 1]: the clip's, or what the model renders."""

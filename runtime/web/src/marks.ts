@@ -3,6 +3,7 @@
 import { getStroke } from "perfect-freehand";
 import type { Mark, Stroke } from "./drawings";
 import type { Place, Size } from "./geometry";
+import { LastUsed } from "./last_used";
 
 export type Context = CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D;
 
@@ -11,8 +12,13 @@ const OPAQUE = "#000";
 /** How much a pen's pressure changes the width of a line; a mouse presses by half. */
 const THINNING = 0.5;
 
+/** Pixels of decoded pictures that are kept, of 4 bytes each. */
+const MOST_PIXELS = 2 ** 26;
+
 /** Image files in base64, decoded. */
-const pictures = new Map<string, ImageBitmap | OffscreenCanvas>();
+const pictures = new LastUsed<ImageBitmap | OffscreenCanvas>(MOST_PIXELS, (picture) => {
+  if ("close" in picture) picture.close();
+});
 const outlines = new WeakMap<Stroke, Path2D>();
 
 /** A frame's size by a factor, so that what is drawn on small frames is not coarse. */
@@ -72,19 +78,21 @@ function polygon(corners: readonly Place[]): Path2D {
 
 /** Whether all pictures among the marks are decoded; if not, they will be, and `onDecoded` hears of it. */
 export function areDecoded(marks: readonly Mark[], onDecoded: () => void): boolean {
-  const missing = marks.flatMap((mark) => (mark.kind === "picture" && !pictures.has(mark.source) ? [mark.source] : []));
-  if (missing.length > 0) void Promise.all(missing.map(decode)).then(onDecoded, () => undefined);
+  const wanted = new Set(marks.flatMap((mark) => (mark.kind === "picture" ? [mark.source] : [])));
+  const missing = [...wanted].filter((source) => pictures.get(source) === undefined);
+  if (missing.length > 0) void Promise.all(missing.map((source) => decode(source, wanted))).then(onDecoded, () => undefined);
   return missing.length === 0;
 }
 
-/** Decodes an image file in base64 and returns its size; rejects where it is none. */
-export async function decode(source: string): Promise<Size> {
+/** Decodes an image file in base64 and returns its size; rejects where it is none. Those `besides` it stay decoded. */
+export async function decode(source: string, besides?: ReadonlySet<string>): Promise<Size> {
   const picture = pictures.get(source) ?? (await createImageBitmap(new Blob([bytesOf(source)])));
-  pictures.set(source, picture);
-  return { width: picture.width, height: picture.height };
+  const { width, height } = picture;
+  pictures.set(source, picture, besides);
+  return { width, height };
 }
 
-/** Keeps what was already seen of a picture, so that it is never missing for a moment. */
+/** Keeps what was already seen of a picture, so that it is not missing for a moment. */
 export const keepDecoded = (source: string, canvas: OffscreenCanvas): unknown => pictures.set(source, canvas);
 
 export function base64(bytes: Uint8Array): string {

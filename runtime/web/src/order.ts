@@ -35,9 +35,10 @@ class Keys {
   }
 
   of(name: string, { minus = false, decimal = false }: Reading = {}): Key {
-    const number = `${minus ? "-?" : ""}[0-9]+${decimal ? "(?:\\.[0-9]+)?" : ""}`;
-    const alone = `(?<![0-9])(?<![0-9]\\.)${number}(?!\\.?[0-9])`; // 1.2.3 is no decimal number
-    const parts = stem(name).toLowerCase().split(new RegExp(`(${alone}|[0-9]+)`));
+    const number = `${minus ? "-?" : ""}[0-9]+${decimal ? "(?:[.,][0-9]+)?" : ""}`;
+    let alone = `(?<![0-9])(?<![0-9]\\.)${number}(?!\\.?[0-9])`; // 1.2.3 is no decimal number
+    if (decimal) alone = `(?<![0-9],(?=[0-9]))${alone}(?!,[0-9])`;
+    const parts = stem(name).toLowerCase().normalize("NFC").split(new RegExp(`(${alone}|[0-9]+)`));
     return parts.map((part, index) => (index % 2 ? this.count(part) : part));
   }
 
@@ -47,7 +48,7 @@ class Keys {
   }
 
   private count(number: string): bigint {
-    const [whole = "", fraction = ""] = number.split(".");
+    const [whole = "", fraction = ""] = number.split(/[.,]/);
     return BigInt(whole.replace("-", "") + fraction.padEnd(this.places, "0")) * (whole.startsWith("-") ? -1n : 1n);
   }
 }
@@ -102,8 +103,12 @@ function hasMinus(names: readonly string[], keys: Keys): boolean {
       if (typeof part === "string") return;
       const before = key.slice(0, place);
       if (part < 0n) signed.set(asText(before), { before: String(before.at(-1)), name });
-      else plain.add(asText(before));
     });
+    for (const way of [key, keys.of(name, { minus: true })]) { // (0,-1) and (0,1) are no decimal numbers
+      way.forEach((part, place) => {
+        if (typeof part === "bigint" && part >= 0n) plain.add(asText(way.slice(0, place)));
+      });
+    }
   }
   if ([...signed.keys()].some((before) => plain.has(before))) return true;
   for (const { before, name } of signed.values()) {
@@ -116,8 +121,9 @@ function hasMinus(names: readonly string[], keys: Keys): boolean {
   return false;
 }
 
-/** Whether a dot between numbers is a decimal point; false too where it makes no other order. */
+/** Whether a dot or a comma between numbers is a decimal point; false too where it makes no other order. */
 function hasDecimals(names: readonly string[], keys: Keys, minus: boolean): boolean {
+  if (minus && names.some((name) => /[0-9],-[0-9]/.test(name))) return false; // two numbers, as in (0,-1)
   const [counted, measured] = [keys.sorted({ minus }), keys.sorted({ minus, decimal: true })];
   const inOrder = measured.map((name) => keys.of(name, { minus, decimal: true }));
   if (same(counted, measured) || inOrder.some((key, index) => index > 0 && byKeys(inOrder[index - 1] ?? [], key) === 0)) {
@@ -129,7 +135,7 @@ function hasDecimals(names: readonly string[], keys: Keys, minus: boolean): bool
   const first = counted.findIndex((name, index) => name !== measured[index]);
   throw new InputError(
     `${counted[first]} and ${measured[first]} follow each other in one order as decimal numbers and in the other as ` +
-      "counters; give all names as many digits behind the dot.",
+      "counters; give all names as many decimals.",
   );
 }
 
@@ -147,8 +153,8 @@ function evenlySpaced(keys: readonly Key[]): boolean {
 
 const stem = (name: string): string => name.replace(/(?<=.)\.[^.]+$/su, "");
 
-/** The digits behind each dot of a name. */
-const fractionsOf = (name: string): string[] => [...stem(name).matchAll(/\.([0-9]+)/g)].map(([, digits]) => digits ?? "");
+/** The digits behind each dot or comma of a name. */
+const fractionsOf = (name: string): string[] => [...stem(name).matchAll(/[.,]([0-9]+)/g)].map(([, digits]) => digits ?? "");
 
 const asText = (parts: Key): string => JSON.stringify(parts.map(String));
 

@@ -116,10 +116,10 @@ def test_what_the_page_does_not_take(tmp_path: Path):
         tracks.save(tmp_path / "a.json", about=About(length=6))
     with pytest.raises(TracksFileError, match="do not say the clip's frame rate; give --fps"):
         known_tracks(timed=False).save(tmp_path / "a.json")
-    many = 2001
+    many = 20_001
     crowd = Tracks(*(np.repeat(array[:1], many, axis=0) for array in (tracks.xy, tracks.occluded, tracks.occlusion)),
                    np.repeat(tracks.queries[:1], many, axis=0), tracks.frames, tracks.size, tracks.times)  # fmt: skip
-    with pytest.raises(TracksFileError, match="takes 2000 points at once, but there are 2001"):
+    with pytest.raises(TracksFileError, match="takes 20000 points at once, but there are 20001"):
         crowd.save(tmp_path / "a.json")
     assert not list(tmp_path.iterdir())
     check(2000, tracks.frames, About())

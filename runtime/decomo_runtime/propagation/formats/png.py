@@ -23,7 +23,7 @@ from decomo_runtime.errors import AnnotationError
 from decomo_runtime.propagation.formats.asked import ClipFacts, masked
 from decomo_runtime.propagation.shapes import Annotation, Shape, Thing
 from decomotion.frame_files import where_opaque
-from decomotion.images import plausible, png
+from decomotion.images import as_shown, plausible, png
 
 Palette = npt.NDArray[np.uint8]
 
@@ -77,6 +77,7 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
             with av.open(io.BytesIO(content), "r", format="png_pipe") as container:
                 decoded = next(container.decode(video=0)).to_ndarray()
             labels, palette = cast("tuple[npt.NDArray[np.uint8], Palette]", decoded)
+            labels = as_shown(labels, content)
             return np.where(palette[labels, 0] > 0, labels, 0), _Look(palette, False)
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except (cv2.error, av.error.FFmpegError, StopIteration, IndexError) as error:
@@ -94,6 +95,7 @@ def _labels(path: Path, content: bytes) -> tuple[npt.NDArray[np.integer], _Look]
                 "palette"
             )
         image = colours[..., 0]
+    image = as_shown(image, content)
     if image.dtype not in (np.uint8, np.uint16):
         raise AnnotationError(f"{path} has values of {image.dtype}; save it as grey of 8 or 16 bits")
     return cast("npt.NDArray[np.uint16]", image), _Look(None, image.dtype == np.uint16)

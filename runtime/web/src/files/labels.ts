@@ -4,6 +4,7 @@ import { type DecodedPng, decode, encode } from "fast-png";
 import type { Size } from "../geometry";
 import { MOST_LABEL } from "../drawings";
 import { InputError } from "../model/facts";
+import { orientationOf, upright } from "./orientation";
 
 /**
  * The labels of a PNG of grey values, also saved as RGB, or with a palette, [height * width]; what is transparent is no
@@ -17,13 +18,16 @@ export function readLabels(name: string, bytes: Uint8Array, { width, height }: S
   } catch {
     throw new InputError(`${name} does not decode as a PNG; give a label image, whose values are numbers of objects.`);
   }
-  if (png.width !== width || png.height !== height) {
-    throw new InputError(`${name} is ${png.width}x${png.height} but the clip is ${width}x${height}; give one that was drawn on this clip.`);
+  const orientation = orientationOf(bytes);
+  const shown = orientation > 4 ? { width: png.height, height: png.width } : png;
+  if (shown.width !== width || shown.height !== height) {
+    throw new InputError(`${name} is ${shown.width}x${shown.height} but the clip is ${width}x${height}; give one that was drawn on this clip.`);
   }
-  const labels = greys(png);
-  if (labels === undefined) {
+  const stored = greys(png);
+  if (stored === undefined) {
     throw new InputError(`${name} has colours; give a label image: grey values or a palette, whose values are numbers of objects.`);
   }
+  const labels = upright(stored, png, orientation);
   if (labels.every((label) => label === 0)) throw new InputError(`${name} is black: no pixel of it is an object's.`);
   if (labels.some((label) => label > MOST_LABEL)) throw new InputError(`${name} has an object above ${MOST_LABEL}; number them from 1 on.`);
   return labels;

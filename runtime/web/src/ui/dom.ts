@@ -22,3 +22,25 @@ export function download(name: string, content: BlobPart, type: string): void {
   make("a", { href: url, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
+
+const unable = new WeakSet<HTMLButtonElement>();
+const working = new WeakSet<HTMLButtonElement>();
+
+/** A button that there is something for; while it works it stays disabled all the same. */
+export function enable(button: HTMLButtonElement, able: boolean): void {
+  if (able) unable.delete(button);
+  else unable.add(button);
+  button.disabled = !able || working.has(button);
+}
+
+/** The button waits until it is done. */
+export async function busy(button: HTMLButtonElement, work: () => Promise<void>): Promise<void> {
+  working.add(button);
+  button.disabled = true;
+  try {
+    await work();
+  } finally {
+    working.delete(button);
+    button.disabled = unable.has(button);
+  }
+}

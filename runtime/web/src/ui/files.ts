@@ -10,7 +10,7 @@ import type { Files } from "../model/client";
 import { InputError } from "../model/facts";
 import { WINDOWS_FILE } from "../model/windows";
 import type { Draw, encodeVideo } from "../video";
-import { download, element } from "./dom";
+import { busy, download, element } from "./dom";
 import type { View } from "./view";
 
 /** Frames, as `decomo-train` takes them of a folder: macOS adds ._name.jpg to copies. */
@@ -152,31 +152,21 @@ async function save(button: HTMLButtonElement, app: App, view: View): Promise<vo
     app.document.keep("corrections", "drawings");
   } else if (kind === "masks.zip") download(name, masksZip(drawings, app.sketch, facts) as Uint8Array<ArrayBuffer>, "application/zip");
   else if (kind === "drawings.zip") {
-    await busy(async () => {
+    await busy(button, async () => {
       const zip = await drawingsZip(drawings, app.sketch, facts, (frame) => view.status(`Drawing frame ${frame + 1} of ${facts.numFrames} …`));
       download(name, zip as Uint8Array<ArrayBuffer>, "application/zip");
       view.status(`Saved ${name}.`);
     });
   } else if (kind === "drawings") {
     const finished = app.sketch.finished(drawings.filter((each) => each.kind === "paint"));
-    await busy(async () =>
+    await busy(button, async () =>
       saveVideo(kind, (await import("../alpha_video")).encodeAlphaVideo, async (context, frame) => {
         context.drawImage(over(facts, await finished(frame)), 0, 0, context.canvas.width, context.canvas.height);
       }),
     );
   } else {
     const scenes = app.finishedScenes();
-    await busy(async () => saveVideo("points", (await import("../video")).encodeVideo, async (context, frame) => drawScene(context, await scenes(frame))));
-  }
-
-  /** The button waits until it is done. */
-  async function busy(work: () => Promise<void>): Promise<void> {
-    button.disabled = true;
-    try {
-      await work();
-    } finally {
-      button.disabled = false;
-    }
+    await busy(button, async () => saveVideo("points", (await import("../video")).encodeVideo, async (context, frame) => drawScene(context, await scenes(frame))));
   }
 
   /** The encoders come from modules that are large, and seldom wanted. */

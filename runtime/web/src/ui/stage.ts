@@ -48,6 +48,7 @@ export class Stage {
     private readonly pen: Pen,
   ) {
     new ResizeObserver(() => this.fit()).observe(canvas);
+    this.watchResolution();
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onUp(event));
@@ -86,6 +87,15 @@ export class Stage {
     this.corner = undefined;
     this.hold(point.id, true);
     this.draw();
+  }
+
+  /** Another screen, or the browser's zoom, may have other pixels at the same size. */
+  private watchResolution(): void {
+    const changed = (): void => {
+      this.fit();
+      this.watchResolution();
+    };
+    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", changed, { once: true });
   }
 
   private fit(): void {

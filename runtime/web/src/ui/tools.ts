@@ -7,7 +7,7 @@ import { frameInName, readLabels } from "../files/labels";
 import type { Size } from "../geometry";
 import { InputError } from "../model/facts";
 import { base64, decode } from "../marks";
-import { element, make } from "./dom";
+import { element, enable, make } from "./dom";
 import { type Pen, TOOLS, type Tool } from "./pen";
 
 /** Of a picture's file: it goes into the project. */
@@ -85,8 +85,8 @@ export class Tools {
     element("drawing-count", HTMLSpanElement).textContent = String(drawings.length);
     element("no-drawings", HTMLParagraphElement).hidden = drawings.length > 0;
     const has = (kind: Drawing["kind"]): boolean => drawings.some((each) => each.kind === kind && each.marks.length > 0);
-    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=paint]")) button.disabled = !has("paint");
-    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=mask]")) button.disabled = !has("mask");
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=paint]")) enable(button, has("paint"));
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-of=mask]")) enable(button, has("mask"));
   }
 
   /** Takes up a tool. */
