@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from socketserver import BaseServer
+from socketserver import TCPServer
 
 
 @contextmanager
-def serving(server: BaseServer) -> Iterator[int]:
+def serving(server: TCPServer) -> Iterator[int]:
     """The port at which `server` answers. One that were closed without an end would poll for ever, and fill a core."""
     with server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -30,7 +30,8 @@ COUNT_ASKED = """
 (() => {
   const [post, end, asked] = [Worker.prototype.postMessage, Worker.prototype.terminate, new Map()];
   Worker.prototype.postMessage = function (...given) {
-    if (!asked.has(this)) this.addEventListener("message", () => asked.has(this) && asked.set(this, asked.get(this) - 1));
+    const onAnswer = () => asked.has(this) && asked.set(this, asked.get(this) - 1);
+    if (!asked.has(this)) this.addEventListener("message", onAnswer);
     asked.set(this, (asked.get(this) ?? 0) + 1);
     post.apply(this, given);
   };
