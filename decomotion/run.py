@@ -257,18 +257,18 @@ class Run:
             return
         log.info("%s\n%s", self.quality.summary(), self.quality.table())
         if self.lesson is None and (warning := self.quality.warning()):
-            log.warning("%s; %s", warning, self.remedy())
+            log.warning("%s. %s", warning, self.remedy())
 
     def remedy(self) -> str:
-        """What to do about a starved fit."""
+        """What to do about a starved fit, a sentence of its own."""
         steps, (folder, windows) = max(2 * self.step, ENOUGH_STEPS), whole_of(self.folder)
         more = f"--steps {steps}"
         if (given := self.budget.seconds) is not None:
             wanted = self.prepared + steps * (self.elapsed - self.prepared) / self.step
             more = f"--time-budget {math.ceil(windows * min(max(2 * given, wanted), LONGER * given) / 60)}m"
         if self.pool.thinned is None:
-            return f"go on with decomo-train on the same clip with --resume --out {folder} {more}"
-        return f"fit the clip anew with a longer --prepare-budget and {more}, since --resume keeps the links"
+            return f"Go on with decomo-train on the same clip with --resume --out {folder} {more}"
+        return f"Fit the clip anew with a longer --prepare-budget and {more}, since --resume keeps the links"
 
 
 def _parameter_groups(model: DecoMotion, config: Config) -> list[dict[str, Any]]:

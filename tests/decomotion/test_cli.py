@@ -63,7 +63,7 @@ def test_a_budget_too_short_for_a_fit_ends_well_and_says_so(
     assert main([str(frames), "--time-budget", "0.001s", *SET_TINY]) == 0
     said = caplog.records[-1].getMessage()
     assert said.startswith("the fit is starved: it took 1 step")
-    assert said.endswith("go on with decomo-train on the same clip with --resume --out runs/sliding --time-budget 1m")
+    assert said.endswith("Go on with decomo-train on the same clip with --resume --out runs/sliding --time-budget 1m")
 
 
 def test_a_place_that_cannot_be_written_is_found_first(

@@ -214,20 +214,20 @@ MISSED = (
     "may be better"
 )
 STARVED = "the fit is starved: it took"
-ON = "go on with decomo-train on the same clip with --resume --out {folder}"
-THINNED = "the fit is starved: its links are thinned (gaps); fit the clip anew with a longer --prepare-budget and"
+ON = "Go on with decomo-train on the same clip with --resume --out {folder}"
+THINNED = "the fit is starved: its links are thinned (gaps). Fit the clip anew with a longer --prepare-budget and"
 
 
 @pytest.mark.parametrize(
     ("step", "seconds", "thinned", "missed", "said"),
     [
         (300, None, None, 0.3, None),
-        (299, None, None, 0.3, f"{STARVED} 299 steps, which is few; {ON} --steps 3000"),
-        (2000, None, None, 9.0, f"the fit falls short of its links: {MISSED}; {ON} --steps 4000"),
+        (299, None, None, 0.3, f"{STARVED} 299 steps, which is few. {ON} --steps 3000"),
+        (2000, None, None, 9.0, f"the fit falls short of its links: {MISSED}. {ON} --steps 4000"),
         # 100 seconds of preparation, then one for each step
-        (2, 120.0, None, 9.0, f"{STARVED} 2 steps, which is few, {MISSED}; {ON} --time-budget 20m"),
-        (200, 1000.0, None, 0.3, f"{STARVED} 200 steps, which is few; {ON} --time-budget 52m"),
-        (250, 3600.0, None, 0.3, f"{STARVED} 250 steps, which is few; {ON} --time-budget 120m"),
+        (2, 120.0, None, 9.0, f"{STARVED} 2 steps, which is few, {MISSED}. {ON} --time-budget 20m"),
+        (200, 1000.0, None, 0.3, f"{STARVED} 200 steps, which is few. {ON} --time-budget 52m"),
+        (250, 3600.0, None, 0.3, f"{STARVED} 250 steps, which is few. {ON} --time-budget 120m"),
         (900, 1000.0, "gaps", 0.3, f"{THINNED} --time-budget 52m, since --resume keeps the links"),
     ],
 )

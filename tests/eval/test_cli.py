@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from decomo_eval.cli import main
+from full_disk import writes_end_at
 
 WritePredictions = Callable[..., Path]
 
@@ -50,6 +51,24 @@ def test_a_place_that_cannot_be_written_is_found_first(
     monkeypatch.setattr("decomo_eval.scoring.evaluate", lambda *_, **__: pytest.fail("it began"))
     assert main(["tapvid", "none.pkl", "--predictions", "none", option, str(tmp_path / "file" / "a")]) == 2
     assert capsys.readouterr().err.startswith(f"Error: {option} {tmp_path / 'file' / 'a'} cannot be written")
+
+
+@pytest.mark.parametrize("option", ["--json", "--report", "--plots", "--overlay"])
+def test_a_full_disk(
+    option: str,
+    dataset: Path,
+    write_predictions: WritePredictions,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder, out = write_predictions("left", "right"), tmp_path / "new" / "a"
+    with writes_end_at(100):
+        assert main(["tapvid", str(dataset), "--predictions", str(folder), option, str(out)]) == 2
+    said = capsys.readouterr().err.split("\r")[-1]
+    assert said.startswith(f"Error: {out}")
+    assert said.endswith(": File too large\n")
+    assert said.count("\n") == 1
+    assert not [path for path in out.parent.rglob("*") if path.is_file()]
 
 
 def test_absent_and_undefined_videos_are_named(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,14 +56,14 @@ def propagate_files(
     carried = propagate(tracker, annotation, frames)
     findings: list[Finding] = []
 
-    def noted() -> Iterator[tuple[int, list[Shape]]]:
-        with tqdm(carried, "propagate", total=tracker.num_frames, leave=False, disable=not progress) as bar:
-            for frame, (shapes, found) in enumerate(bar):
-                findings.extend(found)
-                yield frame, shapes
+    def noted(carried: Iterable[tuple[list[Shape], list[Finding]]]) -> Iterator[tuple[int, list[Shape]]]:
+        for frame, (shapes, found) in enumerate(carried):
+            findings.extend(found)
+            yield frame, shapes
 
     with new_folder(folder) as temporary:
-        form.write(temporary, annotation, noted(), about)
+        with tqdm(carried, "propagate", total=tracker.num_frames, leave=False, disable=not progress) as bar:
+            form.write(temporary, annotation, noted(bar), about)
         told = Report(annotation.things, tuple(findings))
         told.write(temporary / report.FILE)
     return told

@@ -1,5 +1,5 @@
-import { expect, test } from "vitest";
-import { busy, enable } from "../src/ui/dom";
+import { expect, test, vi } from "vitest";
+import { busy, enable, onOtherResolution } from "../src/ui/dom";
 
 /** As much of a button as is asked of it. */
 const button = (): HTMLButtonElement => ({ disabled: false }) as HTMLButtonElement;
@@ -28,4 +28,23 @@ test("a button whose work fails can be pressed again", async () => {
   const save = button();
   await expect(busy(save, () => Promise.reject(new Error("full")))).rejects.toThrow("full");
   expect(save.disabled).toBe(false);
+});
+
+test("each screen with other pixels is noticed", () => {
+  const screens = new EventTarget();
+  const asked: string[] = [];
+  vi.stubGlobal("matchMedia", (query: string) => {
+    asked.push(query);
+    return screens;
+  });
+  const seen: number[] = [];
+  vi.stubGlobal("devicePixelRatio", 1);
+  onOtherResolution(() => seen.push(devicePixelRatio));
+  for (const ratio of [2, 1.5]) {
+    vi.stubGlobal("devicePixelRatio", ratio);
+    screens.dispatchEvent(new Event("change"));
+  }
+  vi.unstubAllGlobals();
+  expect(seen).toEqual([2, 1.5]);
+  expect(asked).toEqual(["(resolution: 1dppx)", "(resolution: 2dppx)", "(resolution: 1.5dppx)"]);
 });

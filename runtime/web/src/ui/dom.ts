@@ -23,6 +23,15 @@ export function download(name: string, content: BlobPart, type: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
+/** Hears when the page comes to a screen with other pixels, or is zoomed, at which nothing of it need change its size. */
+export function onOtherResolution(changed: () => void): void {
+  const heard = (): void => {
+    onOtherResolution(changed);
+    changed();
+  };
+  matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", heard, { once: true });
+}
+
 const unable = new WeakSet<HTMLButtonElement>();
 const working = new WeakSet<HTMLButtonElement>();
 

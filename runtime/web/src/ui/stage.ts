@@ -2,6 +2,7 @@
 
 import { type Scene, drawDiamond, drawScene, markRadius } from "../draw";
 import { type Place, type Size, box, clampPlace, roundPlace } from "../geometry";
+import { onOtherResolution } from "./dom";
 import type { Pen } from "./pen";
 
 /** Pixels of the screen: by which a press becomes a drag of an area, or of a point, and within which a point is meant. */
@@ -48,7 +49,7 @@ export class Stage {
     private readonly pen: Pen,
   ) {
     new ResizeObserver(() => this.fit()).observe(canvas);
-    this.watchResolution();
+    onOtherResolution(() => this.fit());
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onUp(event));
@@ -87,15 +88,6 @@ export class Stage {
     this.corner = undefined;
     this.hold(point.id, true);
     this.draw();
-  }
-
-  /** Another screen, or the browser's zoom, may have other pixels at the same size. */
-  private watchResolution(): void {
-    const changed = (): void => {
-      this.fit();
-      this.watchResolution();
-    };
-    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", changed, { once: true });
   }
 
   private fit(): void {
