@@ -41,10 +41,10 @@ COPY = "import shutil, sys; at = sys.argv.index('--out'); shutil.copytree({!r}, 
 
 GOAT = ((410, 180), (470, 130), (365, 330), (375, 265), (80, 360), (640, 250), (250, 170))
 CROWD = ((60, 190), (350, 300), (590, 150), (690, 200), (770, 180), (490, 175))
-FOOT = (575, 132)
+HAND = (585.1, 179.1)
 """Of parkour, in frame 0; and where it belongs, as TAP-Vid annotates it."""
-CORRECTIONS = {12: (531.7, 247.7), 24: (522.8, 156.6)}
-BESIDE = ((560, 101), (573, 86), (543, 211))
+CORRECTIONS = {9: (538.6, 329.7), 28: (421.6, 158.3)}
+BESIDE = ((529, 158), (575, 132), (544, 76))
 FORELEG = ((482, 278), (508, 270), (512, 345), (533, 383), (496, 390), (488, 332), (482, 278))
 NO_CAMEL = ((119, 240), (114, 270), (108, 300))
 SIGN = ((619, 29), (801, 119))
@@ -164,7 +164,7 @@ def mask(hand: Hand, file: Path) -> Picture:
 
 def refit(hand: Hand) -> Picture:
     """A track that was corrected in two frames, after the refit."""
-    for place in (*BESIDE, FOOT):
+    for place in (*BESIDE, HAND):
         hand.point(*place)
     for frame, place in CORRECTIONS.items():
         hand.seek(frame)
