@@ -13,6 +13,8 @@ from threading import Timer
 
 SECONDS = 120
 """A child that lives longer is killed, which ends whoever reads what it prints."""
+FIT_SECONDS = 400
+"""The same of one that fits, on a machine that does much else."""
 
 
 @contextmanager

@@ -51,9 +51,9 @@ class Bench:
         return sorted(path.name for path in self.run.parent.iterdir())
 
 
-def wait_until(holds: Callable[[], bool]) -> None:
+def wait_until(holds: Callable[[], bool], seconds: float = SECONDS) -> None:
     """Waits, but not for ever."""
-    end = time.monotonic() + SECONDS
+    end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end, "it never comes true"
         time.sleep(0.02)

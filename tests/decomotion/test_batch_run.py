@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from children import SECONDS, child, named_in
+from children import FIT_SECONDS, SECONDS, child, named_in
 from decomo_runtime import Tracker, Tracks
 from decomotion.batch import task
 from decomotion.batch.cli import main
@@ -261,7 +261,7 @@ def test_clips_are_fitted_interrupted_and_gone_on_with(clips: Path, tmp_path: Pa
         *settings,
     ]
     videos = Path("out/videos/two <b>")
-    with child([sys.executable, "-c", INTERRUPTED, *line]) as run:
+    with child([sys.executable, "-c", INTERRUPTED, *line], seconds=FIT_SECONDS) as run:
         while run.poll() is None and not list(videos.glob(".attempt-*/run/checkpoint.pt")):
             time.sleep(0.1)
         run.send_signal(signal.SIGINT)  # of the command alone, as no terminal does it

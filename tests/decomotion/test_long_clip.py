@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from children import child, named_in
+from children import FIT_SECONDS, child, named_in
 from decomo_runtime import Tracks
 from decomotion import checkpoint, long_clip, record
 from decomotion.cli import main
@@ -218,8 +218,8 @@ def test_fit_kill_go_on_export_and_track(frames: Path, capsys: pytest.CaptureFix
 
     argv = [str(frames), "--steps", "40", *TINY_WINDOWS]
     second = Path("runs/sliding/window-001/checkpoint.pt")
-    with child([sys.executable, "-m", "decomotion.cli", *argv]) as fit:
-        wait_until(second.is_file)
+    with child([sys.executable, "-m", "decomotion.cli", *argv], seconds=FIT_SECONDS) as fit:
+        wait_until(second.is_file, FIT_SECONDS)
         fit.send_signal(signal.SIGKILL)
     first = Path("runs/sliding/window-000/checkpoint.pt").stat().st_mtime_ns
     wait_until(lambda: not named_in(str(frames)))  # the window's own process ends too, before it is done
