@@ -37,7 +37,7 @@ SIZE = {"points": (900, 720), "split": (900, 720), "draw": (900, 800), "mask": (
 STILL = 10_000
 """Milliseconds without a change after which a picture is taken to be final."""
 QUALITY = 88
-COPY = "import shutil, sys; at = sys.argv.index('--out'); shutil.copytree({!r}, sys.argv[at + 1])"
+COPY = "import shutil, sys; at = sys.argv.index('--out'); shutil.copytree({!r}, sys.argv[at + 1], dirs_exist_ok=True)"
 
 GOAT = ((410, 180), (470, 130), (365, 330), (375, 265), (80, 360), (640, 250), (250, 170))
 CROWD = ((60, 190), (350, 300), (590, 150), (690, 200), (770, 180), (490, 175))
