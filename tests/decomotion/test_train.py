@@ -217,7 +217,7 @@ class TestQuality:
         assert loaded.quality is not None
         assert loaded.thinned == loaded.quality.thinned == line
         assert f"its links are thinned ({line})" in caplog.text
-        assert "fit the clip anew with a longer --prepare-budget and --steps 3000" in caplog.text
+        assert "Fit the clip anew with a longer --prepare-budget and --steps 3000" in caplog.text
         with interruption(1, ctrl_c), pytest.raises(KeyboardInterrupt):
             fit(CLIP, run, resume=True, steps=9, progress=False, stopping=interrupt_flag)
         assert checkpoint.load(run / checkpoint.FILE_NAME).thinned == line
@@ -362,7 +362,7 @@ class TestBudget:
         assert 1 < steps < 20
         [said] = [record.getMessage() for record in caplog.records if "starved" in record.getMessage()]
         assert said.startswith(f"the fit is starved: it took {steps} steps, which is few")
-        assert said.endswith(f"go on with decomo-train on the same clip with --resume --out {run} --time-budget 1m")
+        assert said.endswith(f"Go on with decomo-train on the same clip with --resume --out {run} --time-budget 1m")
 
 
 class TestFailure:

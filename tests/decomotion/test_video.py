@@ -93,7 +93,7 @@ class TestVideo:
                 packet.pts = packet.dts = number
                 file.mux(packet)
         asked = ["-m", "decomotion.entry", "train", str(tmp_path / "film.mov"), "--out", str(tmp_path / "run")]
-        done = subprocess.run([sys.executable, *asked], capture_output=True, text=True)
+        done = subprocess.run([sys.executable, *asked], capture_output=True, text=True, timeout=120)
         assert done.returncode == 2, done.stderr
         assert "film.mov has pixels (yaf32le) that FFmpeg cannot convert; save it without alpha" in done.stderr
         assert not (tmp_path / "run").exists()
