@@ -35,7 +35,7 @@ LEVELS = 2**15
 RAYS_AT_ONCE = {"cpu": 1 << 11, "cuda": 1 << 15}
 """By kind of device: so few that their samples stay in a core's cache; so many that a GPU is kept busy."""
 LONG = 5.0
-"""Seconds after which a bar is shown: minutes for the `cpu` preset's longest windows, hours for `paper` on a CPU."""
+"""Seconds after which a bar is shown: `paper` takes hours on a CPU."""
 
 LARGEST_KEPT = 31 << 20
 """Bytes. Once it has freed a block of that size, glibc keeps smaller ones for the next array; until then it gives each
