@@ -13,18 +13,18 @@ The parts:
     masks       J of the mask of frame 0, carried to all other frames
     memory      300 frames of 1920x1080: peak memory of each command
     length      2,000 frames of 640x360, and 200: memory, disk, seconds a frame
-    precision   60 frames of 3840x2160: error in pixels of that frame; with `decomo-track --refine` where there is one
+    precision   60 frames of 3840x2160: error in pixels of that frame, without and with `decomo-track --refine`
+    whole       300 frames of 1920x1080, fitted to the end: likewise
     removal     `decomo-render --remove-objects` of a whole clip, processor seconds a frame
     crossing    4,096 points through ten windows, which are copies of one model: point-frames a second
 
-The first four, `removal` and `crossing` share one fit of each clip of ../shared/data/davis480p; the next three are of
+The first four, `removal` and `crossing` share one fit of each clip of ../shared/data/davis480p; the other four are of
 procedural clips (`harness/scenery.py`). `memory` and `length` fit few steps (`--few-steps`), in a cache of their own.
 """
 
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -73,7 +73,6 @@ GRID = "32@0"
 RENDERED = 4
 """Frames of which objects are removed where it is memory that matters."""
 WINDOWS, POINTS = 10, 4096
-REFINE = "--refine"
 
 
 @dataclass(frozen=True)
@@ -191,16 +190,21 @@ def commands(task: Task, part: str, clip: Scenery, *, prepared: bool) -> None:
 
 
 def precision(task: Task) -> None:
-    clip, ways = task.scenery(PRECISE), dict[str, tuple[object, ...]](plain=())
-    usage = subprocess.run(toolkit("decomo-track", "--help"), capture_output=True, text=True, check=True).stdout
-    if REFINE in usage:
-        ways["refined"] = (REFINE, "--clip", clip.write(task.plan.work / "clips"))
-    else:
-        click.echo(f"decomo-track has no {REFINE}: left out")
+    errors(task, "precision", task.scenery(PRECISE))
+
+
+def whole(task: Task) -> None:
+    errors(task, "whole", task.scenery(MEMORY))
+
+
+def errors(task: Task, part: str, clip: Scenery) -> None:
+    """Records of how far tracks of a procedural clip are from the truth, without and with refinement on its frames."""
+    source = clip.write(task.plan.work / "clips")
+    ways: dict[str, tuple[object, ...]] = {"plain": (), "refined": ("--refine", "--clip", source)}
     for way, options in ways.items():
 
         def measure(way: str = way, options: tuple[object, ...] = options) -> Record:
-            fitted = task.plan.fit(clip.name, clip.write(task.plan.work / "clips"))
+            fitted = task.plan.fit(clip.name, source)
             asked, answers = fitted.parent / "queries.csv", fitted.parent / f"{way}.npz"
             xy, occluded = clip.truth()
             frame = occluded.argmin(axis=1)  # the first in which the point is in sight
@@ -209,7 +213,7 @@ def precision(task: Task) -> None:
             taken = measured(toolkit("decomo-track", fitted, "--queries", asked, "--out", answers, *options))
             return {"stages": {"track": taken}, **precision_figures(Tracks.load(answers), frame, xy, occluded)}
 
-        task.plan.record("precision", way, task.plan.facts | asdict(clip), measure)
+        task.plan.record(part, way, task.plan.facts | asdict(clip), measure)
 
 
 def removal(task: Task) -> None:
@@ -236,7 +240,7 @@ def crossing(task: Task) -> None:
 
 
 PARTS: dict[str, Callable[[Task], None]] = {
-    part.__name__: part for part in (joints, ends, first32, masks, memory, length, precision, removal, crossing)
+    part.__name__: part for part in (joints, ends, first32, masks, memory, length, precision, whole, removal, crossing)
 }
 
 

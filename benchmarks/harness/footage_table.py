@@ -237,6 +237,7 @@ ORDER = {
     "memory": _memory,
     "length": _length,
     "precision": _precision,
+    "whole": _precision,
     "removal": _removal,
     "crossing": _crossing,
 }
