@@ -19,6 +19,7 @@ from decomotion.options import (
     Supervision,
     forwarded,
     given_names,
+    prepared_option,
     seed_option,
     supervision_options,
     window_options,
@@ -35,7 +36,7 @@ CORRECTION_BUDGET = "1m"
 """Of a fit that follows corrections."""
 MAY_CORRECT_WITH = (*CORRECTING, "out", "time_budget", "steps", "device")
 """Options that `--corrections` heeds."""
-OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", *CORRECTING, *ENGINE_OPTIONS)
+OF_THE_WHOLE = ("out", "time_budget", "steps", "shots", "window", "resume", "prepared", *CORRECTING, *ENGINE_OPTIONS)
 """Options that are not those of a window."""
 MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
 """Options that `--resume` heeds."""
@@ -67,6 +68,7 @@ MAY_RESUME_WITH = (*OF_THE_WHOLE, "device")
     "--run", "finished", type=click.Path(path_type=Path), help="Folder of the run to correct, which stays as it is."
 )
 @click.option("--rebuild-cache", is_flag=True, help="Prepare the clip's supervision anew.")
+@prepared_option
 @seed_option
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
 @click.pass_context
@@ -82,6 +84,7 @@ def command(
     corrections: Path | None,
     finished: Path | None,
     rebuild_cache: bool,
+    prepared: str,
     seed: int,
     device: str,
     **options: Any,
@@ -123,7 +126,7 @@ def command(
     if resume and not goes_on:
         if decided and not _are_the_runs(folder, supervision.config(), seed, rebuild_cache):
             raise ConfigError(_resume_refused(decided))
-        _fit_one(frames, folder, time_budget=time_budget, **how)
+        _fit_one(frames, folder, prepared=prepared, time_budget=time_budget, **how)
         return
     if goes_on:
         layout, _, begun_with = read_windows(folder)
@@ -136,7 +139,7 @@ def command(
     if not goes_on and len(layout.windows) == 1:
         seconds = default_seconds(1, 1) if in_time and steps is None and time_budget is None else time_budget
         log.info("%s", announcement(layout, 1, steps, seconds))
-        _fit_one(frames, folder, config=config, time_budget=seconds, **how)
+        _fit_one(frames, folder, prepared=prepared, config=config, time_budget=seconds, **how)
         return
     check_no_files(config.data)
 
@@ -144,7 +147,7 @@ def command(
         log.info("%s", announcement(layout, jobs, steps, seconds))
 
     longer = resume and (steps is not None or time_budget is not None)
-    given = {"steps": steps, "time_budget": time_budget, "in_time": in_time, "longer": longer}
+    given = {"steps": steps, "time_budget": time_budget, "in_time": in_time, "longer": longer, "prepared": prepared}
     fit_windows(clip, frames, layout, folder, passed_on, engine=chosen_engine(**engine_choice), told=announce, **given)
     click.echo(
         f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}) in {len(layout.windows)} "
@@ -158,7 +161,9 @@ def _config_of(options: Sequence[str]) -> Config:
     return Supervision(**{each.name: chosen[each.name] for each in fields(Supervision)}).config()
 
 
-def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:
+def _fit_one(frames: Clip, folder: Path, *, device: str, prepared: str, **how: Any) -> None:
+    from decomotion.cache import DROP, cache_root
+    from decomotion.data.stages import remove_all
     from decomotion.device import choose_device
     from decomotion.memory import kept_memory
     from decomotion.train import fit
@@ -166,6 +171,8 @@ def _fit_one(frames: Clip, folder: Path, *, device: str, **how: Any) -> None:
     device = choose_device(device)
     with kept_memory():
         fit(frames, folder, device=device, ignore_cuts=True, stopping=interrupt_flag, **how)
+    if prepared == DROP:
+        remove_all(cache_root() / frames.digest())
     click.echo(f"fitted {frames.name} ({len(frames)} frames of {frames.width}x{frames.height}): {folder}")
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from decomotion import record
+from decomotion.cache import DROP, of_each
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
 from decomotion.data.cuts import find_cuts
@@ -119,7 +120,7 @@ class WindowTask:
     options: tuple[str, ...]
     """Of decomo-train, for a window that is begun: its default time, too."""
     budget: tuple[str, ...]
-    """Of decomo-train, for a window that goes on too."""
+    """Of decomo-train, for a window that goes on too; so is what becomes of what it prepares."""
     logged: bool
     """Whether what decomo-train prints goes to a file."""
     attempts: int = ATTEMPTS
@@ -148,6 +149,7 @@ def fit_windows(
     time_budget: float | None = None,
     in_time: bool = False,
     longer: bool = False,
+    prepared: str = AUTO,
 ) -> None:
     """Fits each window of a clip; those that are finished are left alone.
 
@@ -164,6 +166,7 @@ def fit_windows(
         time_budget: seconds of all windows, which share it by their length.
         in_time: of neither, a window that is begun has `default_seconds`, not the preset's steps.
         longer: go on with finished windows too.
+        prepared: what becomes of what a finished window has prepared (`decomotion.cache.of_each`).
 
     Raises `CheckpointError` where the folder holds windows of another clip or with other options, `TrainingError` where
     some failed: the others are kept, and the next call tries those alone.
@@ -181,6 +184,9 @@ def fit_windows(
             elif steps is None and in_time:
                 seconds = default_seconds(count, jobs)
             told(jobs, seconds)
+            of_window = of_each(prepared, count)
+            if of_window != prepared:
+                log.info("what a window prepares leaves the disk when it is finished (--prepared keep: stays)")
             tasks = []
             for window in layout.windows:
                 begun_with, budget = list(options), ["--steps", str(steps)] if steps else []
@@ -189,6 +195,7 @@ def fit_windows(
                     budget = ["--time-budget", f"{max(1.0, share * seconds):.1f}s"]
                 elif seconds is not None:
                     begun_with += ["--time-budget", f"{seconds:.1f}s"]
+                budget += ["--prepared", of_window] if of_window == DROP else []
                 part = f"{path}@{first + window.begin}:{first + window.end}"
                 given = (tuple(begun_with), tuple(budget), jobs > 1)
                 tasks.append(WindowTask(window.name, part, folder / window.name, *given))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.core import ParameterSource
 
+from decomotion.cache import FEW, PREPARED
 from decomotion.errors import ConfigError
 from decomotion.presets import AUTO, AUTO_PRESET, PRESETS
 
@@ -145,6 +146,15 @@ SUPERVISION_OPTIONS = (
 
 seed_option = click.option(
     "--seed", type=click.IntRange(min=0, max=2**31 - 1), default=0, help="Seed of everything random."
+)
+
+
+prepared_option = click.option(
+    "--prepared",
+    type=click.Choice(PREPARED),
+    default=AUTO,
+    help=f"Keep or drop what a fit has prepared, in the cache, when it is finished. {AUTO}: dropped where more than "
+    f"{FEW} clips, or windows of one, are fitted.",
 )
 
 

@@ -109,17 +109,19 @@ class Run:
     def restore(self, training: dict[str, Any]) -> None:
         """Continues where `training`, written by `save`, was.
 
-        Raises `CheckpointError` where it was fitted to another number of points.
+        Links that were made anew, in more time or less, may be of other points: how well each was fitted is then
+        learnt again. Raises `CheckpointError` where there are other tracks.
         """
         points, former = self.sampler.errors.shape[1], training["errors"].shape[1]
-        if points != former:
+        if points == former:
+            self.sampler.errors.copy_(training["errors"])
+        elif self.config.data.tracks is not None:
             raise CheckpointError(
                 f"{self.folder} was fitted to {former} points a frame but its supervision now has {points}: its tracks "
                 "are others, or its links were made anew in less or more time; give the tracks that it was begun with, "
                 "or train again without --resume"
             )
         self.optimiser.load_state_dict(training["optimiser"])
-        self.sampler.errors.copy_(training["errors"])
         self.step, self.elapsed, self.prepared = training["step"], training["elapsed"], training["prepared"]
         self.budget = Budget(**training["budget"])
 

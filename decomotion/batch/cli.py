@@ -12,9 +12,9 @@ import click
 from decomotion import console
 from decomotion.batch.task import GRID
 from decomotion.jobs.options import ENGINE_OPTIONS, chosen_engine, engine_options
-from decomotion.options import Duration, forwarded, seed_option, supervision_options, window_options
+from decomotion.options import Duration, forwarded, prepared_option, seed_option, supervision_options, window_options
 
-OWN = ("out", "grid", "overlay", "attempts", *ENGINE_OPTIONS)
+OWN = ("out", "prepared", "grid", "overlay", "attempts", *ENGINE_OPTIONS)
 """Options that are not decomo-train's."""
 
 
@@ -27,6 +27,7 @@ OWN = ("out", "grid", "overlay", "attempts", *ENGINE_OPTIONS)
 @click.option("--steps", type=click.IntRange(min=1), help="Of each clip, instead of a time.")
 @supervision_options
 @window_options
+@prepared_option
 @seed_option
 @click.option("--device", default="auto", help="auto, cpu, cuda or cuda:N.")
 @engine_options("clips")
@@ -46,7 +47,7 @@ def command(
     check_common(options)
     check_folder("--out", out)
     engine = chosen_engine(**{name: options[name] for name in ENGINE_OPTIONS})
-    asked = {"grid": grid, "overlay": overlay, "attempts": attempts}
+    asked = {"grid": grid, "overlay": overlay, "attempts": attempts, "prepared": options["prepared"]}
     results = batch(clips, out, forwarded(context, OWN), engine=engine, **asked)
     if results.seconds_per_video is not None:
         click.echo(f"{results.seconds_per_video:.0f} s a clip, {results.jobs} at a time")

@@ -41,7 +41,7 @@ VIDEO_SUFFIXES = (
 """Files of a folder that are taken for clips. A list may name others."""
 COLUMNS = ("clip", "name", "queries", "options")
 COMMENT = "#"
-NOT_OF_ONE = ("out", "resume", "rebuild_cache", *ENGINE_OPTIONS)
+NOT_OF_ONE = ("out", "resume", "rebuild_cache", "prepared", *ENGINE_OPTIONS)
 """Arguments of decomo-train that are not a clip's own."""
 BUDGET = {"--time-budget", "--steps"}
 """Of which one is given."""

@@ -10,11 +10,13 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from decomotion.batch.clips import Entry, read_clips, together
 from decomotion.batch.page import write_page
 from decomotion.batch.task import GRID, TrackedTask
+from decomotion.cache import of_each
 from decomotion.clip import clip_part
 from decomotion.errors import BatchError
 from decomotion.files import digest_of
@@ -23,6 +25,7 @@ from decomotion.jobs.engine import Engine, LocalEngine
 from decomotion.jobs.folder import ClipTasks, Results, claim
 from decomotion.jobs.lock import alone
 from decomotion.jobs.task import Outcome
+from decomotion.presets import AUTO
 
 GRID_FORM = re.compile(r"[1-9]\d*(\.\d+)?@\d+", re.ASCII)
 
@@ -36,6 +39,7 @@ def batch(
     grid: str = GRID,
     overlay: bool = True,
     attempts: int = 2,
+    prepared: str = AUTO,
 ) -> Results:
     """Fits, exports and tracks every clip; what is done in `out` is not done again.
 
@@ -47,6 +51,7 @@ def batch(
         grid: points to follow in clips without queries of their own, STEP@T: one every STEP pixels of frame T.
         overlay: whether to draw the tracks on each clip, as a video.
         attempts: how often a clip is tried; then it is reported, and the others go on.
+        prepared: what becomes of what a finished fit has prepared (`decomotion.cache.of_each`).
 
     Returns: what came of the clips, those that failed among them.
 
@@ -58,6 +63,7 @@ def batch(
         raise BatchError(f"--grid {grid} is not STEP@T: a spacing of at least 1 pixel and a frame, such as {GRID}")
     entries = read_clips(clips) if isinstance(clips, str | Path) else list(clips)
     tasks = [_task(entry, out.absolute(), options, grid, overlay, attempts) for entry in entries]
+    tasks = [replace(task, prepared=of_each(prepared, len(tasks))) for task in tasks]
     with alone(out, "decomo-batch", BatchError):
         claim(out / "batch.json", {"options": list(options)}, BatchError)
         results = ClipTasks(tasks, digest).run(engine or LocalEngine())

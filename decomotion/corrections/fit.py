@@ -65,7 +65,8 @@ def correct(
         corrections: the file that `points` were read from (`decomotion.corrections.file`), which is copied.
         points: at least one.
         out: the new run's folder, which is there when it is finished, and only then.
-        budget: steps of each window; or seconds of the whole call, which windows share by their length.
+        budget: steps of each window; or seconds of the whole call, but for preparation, which windows share by their
+            length.
         device: `auto`, `cpu`, `cuda` or any name torch knows.
         progress: show a progress bar.
         stopping: says when to stop between two steps; then nothing is left.
@@ -145,7 +146,9 @@ def _correct_one(
     model, seed, config = saved.model, saved.training["seed"], short(saved.config)
     tracks = trusted_tracks(model, points)
     before = _apart(model, points)
+    waited = time.monotonic()
     prepared = prepare_in_stages(clip, config.data, seed=seed, progress=progress, device=str(device))
+    begin += time.monotonic() - waited  # long only where the cache has lost it
     links = lesson_pool(model, prepared, clip.frames, tracks, generator(seed, "corrections"))
     contradicts = partial(_contradicts, tracks.bent, model.plane.unit)
     steps = saved.training["step"] if saved.quality is None else saved.quality.steps

@@ -15,7 +15,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -163,6 +163,16 @@ def remove_abandoned(root: Path) -> None:
         if time.time() - partial.stat().st_mtime > ABANDONED_SECONDS:
             with suppress(Timeout), FileLock(partial.with_suffix(".lock"), timeout=0):
                 shutil.rmtree(partial, ignore_errors=True)
+
+
+def remove_all(root: Path) -> None:
+    """Removes a clip's stages, finished or not, unless a run is at work on some: then all stay."""
+    locks = [FileLock(path) for path in root.glob(".*.lock")]
+    with ExitStack() as held, suppress(Timeout):
+        for lock in locks:
+            held.enter_context(lock.acquire(timeout=0))
+        for folder in root.glob("*-*"):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_whole(path: Path, write: Callable[[Path], Any]) -> None:

@@ -26,6 +26,7 @@ from decomotion.clip import clip_part
 from decomotion.errors import CheckpointError, InputError
 from decomotion.files import replacing
 from decomotion.jobs.task import Outcome, Place, run_stages
+from decomotion.presets import AUTO
 from decomotion.windows import FILE_NAME as WINDOWS
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {"train": ("-m", "decomotion.cli"), "export": ("-m", "decomo_export.cli")}
@@ -51,6 +52,8 @@ class ClipTask:
     """How often it is tried."""
     clip: str | None = None
     """Digest of the clip; an attempt needs it."""
+    prepared: str = AUTO
+    """What becomes of what the fit has prepared: decomo-train's option, which does not decide the result."""
     commands: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: COMMANDS)
 
     def __post_init__(self) -> None:
@@ -88,7 +91,9 @@ class ClipTask:
             return
         if not _is_finished(run):
             going_on = ["--resume"] if _is_begun(run) else []
-            yield "train", [*self.commands["train"], self.source, "--out", str(run), *self.options, *going_on]
+            prepared = [] if self.prepared == AUTO else ["--prepared", self.prepared]
+            line = [*self.commands["train"], self.source, "--out", str(run), *self.options]
+            yield "train", [*line, *prepared, *going_on]
         target = here / (self.name if (run / WINDOWS).is_file() else f"{self.name}{MODEL}")
         yield "export", [*self.commands["export"], str(target), "--run", str(run)]
 

@@ -104,6 +104,20 @@ def test_every_clip_is_fitted_and_asked_once(batch: Batch, capsys: pytest.Captur
     assert {each["attempts"] for each in json.loads(Path("out/summary.json").read_text())["finished"]} == {0}
 
 
+@pytest.mark.parametrize(
+    ("count", "given", "passed_on"),
+    [(4, [], ""), (5, [], " --prepared drop"), (5, ["--prepared", "keep"], " --prepared keep")],
+)
+def test_what_many_clips_prepare_goes(count: int, given: list[str], passed_on: str, batch: Batch) -> None:
+    lines = [f"clips/one,{name},--seed {number}" for number, name in enumerate("abcde"[:count])]
+    Path("list.csv").write_text("\n".join(["clip,name,options", *lines]))
+    assert batch(*given, of="list.csv") == 0
+    fits = [line for line in Path("calls").read_text().splitlines() if " train " in line]
+    assert [re.sub(".* --seed .", "", line) for line in fits] == [passed_on] * count
+    assert batch("--prepared", "drop", of="list.csv") == 0  # decides nothing of what is made: there is nothing to do
+    assert calls("a") == ALL
+
+
 def test_other_points_are_asked_for_without_a_fit(batch: Batch) -> None:
     assert batch() == 0
     assert batch("--grid", "8@2") == 0

@@ -196,6 +196,24 @@ class TestRefused:
         assert "was fitted to another clip" in refused([other, "--resume", "--out", tiny_run], capsys)
 
 
+def test_what_was_prepared_is_dropped_and_made_again(
+    frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second call has no time for all that the first prepared: its links are of other points."""
+    monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
+    run, stages = tmp_path / "run", lambda: list((tmp_path / "cache").glob("*/links-*"))
+    begin = [str(frames), "--out", str(run), "--steps", "1", *SET_TINY]
+    assert main([*begin, "--prepared", "keep"]) == 0
+    assert len(stages()) == 1
+    assert main([*begin, "--prepared", "drop"]) == 0
+    assert not stages()
+    monkeypatch.setattr("decomotion.data.prepare.inputs.Inputs.count", 100)
+    go_on = [str(frames), "--out", str(run), "--resume", "--steps", "3"]
+    assert main(go_on) == 0
+    assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] == 3
+    assert len(stages()) == 1
+
+
 class TestDuration:
     @pytest.mark.parametrize(
         ("text", "seconds"), [("90", 90), ("90s", 90), ("10m", 600), ("1.5h", 5400), (" 2m ", 120), ("0.5m", 30)]

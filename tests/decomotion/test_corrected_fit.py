@@ -16,11 +16,14 @@ from decomotion import checkpoint
 from decomotion.cli import main
 from decomotion.clip import Clip, read_clip
 from decomotion.config import load
+from decomotion.corrections import fit
 from decomotion.corrections.fit import _apart, _frame_weights, short
 from decomotion.corrections.following import Followed, follow
 from decomotion.corrections.points import CorrectedPoint, Place
+from decomotion.data.prepare import Preparation
 from decomotion.long_clip import windows_of
 from decomotion.quality import parse
+from decomotion.run import Run
 from decomotion.schedule import Schedule, value_at
 from decomotion.windows import FILE_NAME
 from interruption import ctrl_c, interruption
@@ -90,6 +93,25 @@ def test_a_point_and_its_neighbours_move_and_what_is_far_away_stays(
     assert (new / "corrections.csv").read_bytes() == (tmp_path / "given.csv").read_bytes()
     quality = parse((new / "quality.json").read_text())
     assert quality.steps == 160
+
+
+def test_its_time_begins_when_the_clip_is_prepared(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    waited, prepare, loop = 100.0, fit.prepare_in_stages, Run.loop
+    began = []
+
+    def slowly(*given: object, **how: object) -> Preparation:
+        now = fit.time.monotonic
+        monkeypatch.setattr(fit.time, "monotonic", lambda: now() + waited)
+        return prepare(*given, **how)  # type: ignore[arg-type]
+
+    def noted(run: Run, begin: float, *how: object) -> None:
+        began.append(fit.time.monotonic() - begin)
+        loop(run, begin, *how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(fit, "prepare_in_stages", slowly)
+    monkeypatch.setattr(Run, "loop", noted)
+    assert corrected(place, tmp_path / "new", "1,9,15,6,20,15.5", steps=1) == 0
+    assert 0 <= began[0] < waited
 
 
 def test_a_model_that_is_corrected_again_keeps_what_it_was_told(place: Path, tmp_path: Path):

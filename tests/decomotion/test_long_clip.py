@@ -196,6 +196,36 @@ class TestCommand:
         assert not Path("runs/sliding", FILE_NAME).exists()
         assert checkpoint.load(Path("runs/sliding/checkpoint.pt")).clip.num_frames == 20
 
+    @pytest.mark.parametrize(
+        ("windows", "given", "passed_on"),
+        [
+            (4, [], []),
+            (5, [], ["--prepared", "drop"]),
+            (5, ["--prepared", "keep"], []),
+            (2, ["--prepared", "drop"], ["--prepared", "drop"]),
+        ],
+    )
+    def test_what_many_windows_prepare_goes(
+        self,
+        windows: int,
+        given: list[str],
+        passed_on: list[str],
+        tmp_path: Path,
+        calls: Path,
+        caplog: pytest.LogCaptureFixture,
+    ):
+        frames = write_frames(sliding(2 + 6 * windows), tmp_path / "long")
+        with caplog.at_level("INFO", logger="decomotion"):
+            assert main([str(frames), "--window", "8", "--steps", "1", *given]) == 0
+        lines = [(calls / f"window-00{number}").read_text().split() for number in range(windows)]
+        assert [line[line.index("1") + 1 :] for line in lines] == [passed_on] * windows
+        said = "what a window prepares leaves the disk when it is finished (--prepared keep: stays)"
+        assert (said in caplog.messages) == (windows == 5 and not given)
+        assert read_windows(Path("runs/long"))[2] == []  # the same command with another goes on
+        assert main([str(frames), "--resume", "--steps", "2", "--prepared", "drop"]) == 0
+        again = (calls / "window-000").read_text().splitlines()[-1]
+        assert again.endswith("--resume --steps 2 --prepared drop")
+
 
 class TestShots:
     def test_stop_and_ignore(self, two_shots: Path, capsys: pytest.CaptureFixture[str]):

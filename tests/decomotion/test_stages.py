@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from decomotion.data.stages import Stage, remove_abandoned, write_whole
+from decomotion.data.stages import Stage, remove_abandoned, remove_all, write_whole
 from refitting import wait_until
 
 
@@ -106,6 +106,24 @@ def test_what_was_left_long_ago_goes(tmp_path: Path):
     remove_abandoned(tmp_path)
     assert not old.exists()
     assert young.exists()
+
+
+def test_all_of_a_clip_goes_unless_a_run_is_at_work_on_it(tmp_path: Path):
+    stage(tmp_path).run(build)
+    with pytest.raises(AssertionError):
+        stage(tmp_path, side=2).run(fail)
+    begun = tmp_path / f".{stage(tmp_path, side=2).folder.name}.partial"
+
+    def meanwhile(_: Path) -> dict[str, Any]:
+        remove_all(tmp_path)
+        assert stage(tmp_path).finished
+        assert begun.exists()
+        return {}
+
+    stage(tmp_path, side=3).run(meanwhile)
+    remove_all(tmp_path)
+    assert not any(each.is_dir() for each in tmp_path.iterdir())
+    remove_all(tmp_path / "never prepared")
 
 
 def test_a_file_is_whole_or_not_there(tmp_path: Path):

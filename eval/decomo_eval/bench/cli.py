@@ -13,7 +13,7 @@ from decomo_eval.names import ORIGINAL, RESOLUTIONS
 from decomo_eval.options import dataset_option, listed, query_mode_option
 from decomotion import console
 from decomotion.jobs.options import chosen_engine, engine_options
-from decomotion.options import Duration
+from decomotion.options import Duration, prepared_option
 from decomotion.presets import AUTO
 
 
@@ -43,6 +43,7 @@ def _duration(context: click.Context, parameter: click.Parameter, value: str | N
     default=ORIGINAL,
     help="Of the frames that are fitted, as stored or brought to TAP-Vid's 256x256: categories of their own.",
 )
+@prepared_option
 @engine_options("videos")
 @click.option("--attempts", type=click.IntRange(min=1), default=2, help="Tries of a video before it is given up.")
 def command(
@@ -57,6 +58,7 @@ def command(
     videos: str | None,
     query_mode: str | None,
     resolution: str,
+    prepared: str,
     attempts: int,
     **where: Any,
 ) -> None:
@@ -72,7 +74,7 @@ def command(
     check_folder("--out", out)
     options = command_options(preset, time_budget, steps, seed, overrides)
     of_dataset = {"dataset_name": dataset_name, "videos": listed(videos), "resolution": resolution}
-    how = {"attempts": attempts, "query_mode": query_mode, "engine": chosen_engine(**where)}
+    how = {"attempts": attempts, "query_mode": query_mode, "prepared": prepared, "engine": chosen_engine(**where)}
     summary = bench(dataset, out, options, **of_dataset, **how)
     if summary.report is not None:
         cells = ", ".join(f"{column.title} {column.cell(summary.report.mean)}" for column in COLUMNS)

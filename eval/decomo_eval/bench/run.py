@@ -20,6 +20,7 @@ from decomo_eval.names import ORIGINAL
 from decomo_eval.readers import Reader
 from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
+from decomotion.cache import of_each
 from decomotion.errors import InputError
 from decomotion.jobs.clip_task import ClipTask
 from decomotion.jobs.engine import Engine, LocalEngine
@@ -67,6 +68,7 @@ def bench(
     query_mode: str | None = None,
     resolution: str = ORIGINAL,
     dataset_name: str | None = None,
+    prepared: str = AUTO,
 ) -> Summary:
     """Fits, exports and scores every video; what is finished in `out` is not done again.
 
@@ -80,6 +82,7 @@ def bench(
         query_mode: of the score; by default the dataset's.
         resolution: of the frames that are fitted (`dataset.read_dataset`).
         dataset_name: the dataset's name (`readers.READERS`); by default its files tell.
+        prepared: what becomes of what a finished fit has prepared (`decomotion.cache.of_each`).
 
     A shard of the dataset that cannot be read is a failure; the videos of the others are fitted.
 
@@ -95,7 +98,7 @@ def bench(
         damaged = "".join(f"; {shard.error}" for shard in shards)
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}{damaged}")
     asked = set(known if videos is None else videos)
-    tasks, unfit = _tasks(known, out, options, attempts)
+    tasks, unfit = _tasks(known, out, options, attempts, of_each(prepared, len(asked)))
     with alone(out, "decomo-bench", EvalError):
         settings = {"dataset": dataset.name, "reader": reader.name, "options": list(options), "resolution": resolution}
         claim(out / "bench.json", settings, EvalError, reader=reader.name, resolution=ORIGINAL)
@@ -114,14 +117,15 @@ def bench(
 
 
 def _tasks(
-    names: Iterable[str], out: Path, options: Sequence[str], attempts: int
+    names: Iterable[str], out: Path, options: Sequence[str], attempts: int, prepared: str
 ) -> tuple[list[ClipTask], list[Outcome]]:
     """Of each video, whose frames are written beside the rest until it is done; and what became of those of no use."""
     tasks, unfit, out = [], [], out.absolute()
     for name in names:
         frames = out / "videos" / name / "frames" / name
         try:
-            tasks.append(ClipTask(name, out, str(frames), (*AS_ONE_SHOT, *options), attempts))
+            how = (*AS_ONE_SHOT, *options)
+            tasks.append(ClipTask(name, out, str(frames), how, attempts, prepared=prepared))
         except InputError as error:
             unfit.append(Outcome(name, 1, {}, str(error)))
     return tasks, unfit
