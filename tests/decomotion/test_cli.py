@@ -16,7 +16,7 @@ from decomotion.clip import Clip
 from decomotion.losses import LOSSES, Loss
 from decomotion.options import Duration
 from full_disk import writes_end_at
-from interruption import ctrl_c, interruption
+from interruption import Killed, ctrl_c, interruption, killed
 from tiny_fit import TINY_CPU, TINY_PAPER, sliding_square, write_frames
 
 SET_TINY = [part for override in TINY_CPU for part in ("--set", override)]
@@ -203,14 +203,23 @@ def test_what_was_prepared_is_dropped_and_made_again(
     monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
     run, stages = tmp_path / "run", lambda: list((tmp_path / "cache").glob("*/links-*"))
     begin = [str(frames), "--out", str(run), "--steps", "1", *SET_TINY]
+
+    def fitted() -> tuple[int, int]:
+        training = checkpoint.load(run / checkpoint.FILE_NAME).training
+        return training["step"], training["errors"].shape[1]
+
     assert main([*begin, "--prepared", "keep"]) == 0
     assert len(stages()) == 1
+    with interruption(0, killed), pytest.raises(Killed):
+        main([*begin, "--prepared", "drop"])
+    assert len(stages()) == 1  # it goes on
     assert main([*begin, "--prepared", "drop"]) == 0
     assert not stages()
+    step, points = fitted()
     monkeypatch.setattr("decomotion.data.prepare.inputs.Inputs.count", 100)
-    go_on = [str(frames), "--out", str(run), "--resume", "--steps", "3"]
-    assert main(go_on) == 0
-    assert checkpoint.load(run / checkpoint.FILE_NAME).training["step"] == 3
+    assert main([str(frames), "--out", str(run), "--resume", "--steps", "3"]) == 0
+    assert (step, fitted()[0]) == (1, 3)
+    assert fitted()[1] < points
     assert len(stages()) == 1
 
 

@@ -176,7 +176,11 @@ def test_the_commands_understand_what_they_are_given(bench: Bench) -> None:
     asked = {"preset": "omnimotion", "time_budget": 90.0, "steps": None, "seed": 7, "shots": "ignore"}
     assert {name: given[name] for name in asked} == asked
     assert list(given["overrides"]) == settings[1::2]
+    assert given["prepared"] == "auto"
     export.make_context("decomo-export", json.loads(Path("export.json").read_text()))
+    assert bench("--videos", "right", *settings, "--seed", "8", "--out", "other", "--prepared", "drop") == 0
+    given = train.make_context("decomo-train", json.loads(Path("arguments.json").read_text())).params
+    assert (given["seed"], given["prepared"]) == (8, "drop")
 
 
 def test_a_killed_fit_is_tried_again(bench: Bench) -> None:
