@@ -10,13 +10,11 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from decomotion.batch.clips import Entry, read_clips, together
 from decomotion.batch.page import write_page
 from decomotion.batch.task import GRID, TrackedTask
-from decomotion.cache import of_each
 from decomotion.clip import clip_part
 from decomotion.errors import BatchError
 from decomotion.files import digest_of
@@ -62,8 +60,7 @@ def batch(
     if not GRID_FORM.fullmatch(grid):
         raise BatchError(f"--grid {grid} is not STEP@T: a spacing of at least 1 pixel and a frame, such as {GRID}")
     entries = read_clips(clips) if isinstance(clips, str | Path) else list(clips)
-    tasks = [_task(entry, out.absolute(), options, grid, overlay, attempts) for entry in entries]
-    tasks = [replace(task, prepared=of_each(prepared, len(tasks))) for task in tasks]
+    tasks = [_task(entry, out.absolute(), options, grid, overlay, attempts, prepared) for entry in entries]
     with alone(out, "decomo-batch", BatchError):
         claim(out / "batch.json", {"options": list(options)}, BatchError)
         results = ClipTasks(tasks, digest).run(engine or LocalEngine())
@@ -87,11 +84,13 @@ def digest(task: TrackedTask) -> str:
     return content.hexdigest()[:16]
 
 
-def _task(entry: Entry, out: Path, options: Sequence[str], grid: str, overlay: bool, attempts: int) -> TrackedTask:
+def _task(
+    entry: Entry, out: Path, options: Sequence[str], grid: str, overlay: bool, attempts: int, prepared: str
+) -> TrackedTask:
     own = together(options, entry.options)
     points = None if entry.queries is None else digest_of(entry.queries)
     asked = {"grid": grid, "queries": entry.queries, "queries_digest": points, "overlay": overlay}
-    return TrackedTask(entry.name, out, entry.source, own, attempts, **asked)
+    return TrackedTask(entry.name, out, entry.source, own, attempts, prepared=prepared, **asked)
 
 
 def _earlier(out: Path, asked: set[str]) -> list[Outcome | None]:

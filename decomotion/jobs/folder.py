@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from decomotion.cache import of_each
 from decomotion.errors import InputError, TrainingError
 from decomotion.files import replacing
 from decomotion.jobs.clip_task import ClipTask, is_model, read_json
@@ -91,11 +92,12 @@ class ClipTasks(Generic[AnyClip]):
     def run(self, engine: Engine) -> Results:
         """Does what is not done. Raises `EngineError` where the engine does not run."""
         outcomes: list[Outcome] = []
-        begin = time.monotonic()
+        begin, count = time.monotonic(), len(self.tasks)
+        tasks = [replace(task, prepared=of_each(task.prepared, count)) for task in self.tasks]
         with engine.start() as room:
-            for outcome in run_tasks(self.tasks, room, self._ready, self._record):
+            for outcome in run_tasks(tasks, room, self._ready, self._record):
                 outcomes.append(outcome)
-                _log(outcome, outcomes, len(self.tasks), time.monotonic() - begin)
+                _log(outcome, outcomes, count, time.monotonic() - begin)
             jobs = room.at_a_time
         finished = tuple(outcome for outcome in outcomes if outcome.error is None)
         failed = tuple(outcome for outcome in outcomes if outcome.error is not None)

@@ -20,7 +20,6 @@ from decomo_eval.names import ORIGINAL
 from decomo_eval.readers import Reader
 from decomo_eval.report.writer import ReportWriter
 from decomo_eval.scoring import Report, evaluate
-from decomotion.cache import of_each
 from decomotion.errors import InputError
 from decomotion.jobs.clip_task import ClipTask
 from decomotion.jobs.engine import Engine, LocalEngine
@@ -98,7 +97,7 @@ def bench(
         damaged = "".join(f"; {shard.error}" for shard in shards)
         raise DatasetError(f"{dataset} has no video {', '.join(unknown)}{damaged}")
     asked = set(known if videos is None else videos)
-    tasks, unfit = _tasks(known, out, options, attempts, of_each(prepared, len(asked)))
+    tasks, unfit = _tasks(known, out, options, attempts, prepared)
     with alone(out, "decomo-bench", EvalError):
         settings = {"dataset": dataset.name, "reader": reader.name, "options": list(options), "resolution": resolution}
         claim(out / "bench.json", settings, EvalError, reader=reader.name, resolution=ORIGINAL)
