@@ -116,7 +116,7 @@ def bench(
 
 
 def _tasks(
-    names: Iterable[str], out: Path, options: Sequence[str], attempts: int, prepared: str
+    names: Iterable[str], out: Path, options: Sequence[str], attempts: int, prepared: str = AUTO
 ) -> tuple[list[ClipTask], list[Outcome]]:
     """Of each video, whose frames are written beside the rest until it is done; and what became of those of no use."""
     tasks, unfit, out = [], [], out.absolute()
