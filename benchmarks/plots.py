@@ -3,7 +3,7 @@
     python benchmarks/plots.py budget docs/images/budget.png benchmarks/results/budget benchmarks/results/{3m,10m}/cpu \
         --clips car-shadow,dog --baseline benchmarks/results/baselines/chained-dis
     python benchmarks/plots.py clips docs/images/clips.png benchmarks/results/seeds/cpu \
-        benchmarks/results/10m/omnimotion benchmarks/results/baselines/{chained,linked}-dis
+        benchmarks/results/like-steps/one-volume-1200 benchmarks/results/baselines/{chained,linked}-dis
 """
 
 from __future__ import annotations
