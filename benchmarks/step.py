@@ -79,6 +79,15 @@ def timed_steps(run: Run, steps: int) -> list[float]:
     return seconds
 
 
+def print_profile(run: Run) -> None:
+    """What takes the time of five steps."""
+    on_gpu = run.gradient.device.type == "cuda"
+    with profile(activities=[ProfilerActivity.CPU, *[ProfilerActivity.CUDA] * on_gpu]) as spent:
+        timed_steps(run, 5)
+    order = "self_cuda_time_total" if on_gpu else "self_cpu_time_total"
+    print(spent.key_averages().table(sort_by=order, row_limit=25, max_name_column_width=70))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", choices=["cpu", "paper"], default="paper")
@@ -99,24 +108,28 @@ def main() -> None:
     clip = ClipFacts("random", "", 32, 256, 256, 24.0)
     run = Run(Path(tempfile.mkdtemp()), clip, config, model, pool, seed=0)
     on_gpu = run.gradient.device.type == "cuda"
-    recorded = Accumulator(model, config.optim.smooth_share, False if arguments.launched else None)
-    run.gradient = Accumulator(model, config.optim.smooth_share, recorded=False)
-    with FlopCounterMode(display=False) as counter:  # it sees operations, not what is recorded
-        timed_steps(run, 1)
-    run.gradient = recorded
+    if arguments.launched:
+        run.gradient = Accumulator(model, config.optim.smooth_share, recorded=False)
     first = timed_steps(run, 1)  # with what is chosen, or recorded, once
     if on_gpu:
         timed_steps(run, 10)
         torch.cuda.reset_peak_memory_stats()
     seconds = timed_steps(run, arguments.steps)
     held = torch.cuda.max_memory_reserved() if on_gpu else 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    if arguments.profile:
+        print_profile(run)
+    recorded = run.gradient.recorded
+    run.gradient = Accumulator(model, config.optim.smooth_share, recorded=False)
+    with FlopCounterMode(display=False) as counter:  # it sees operations, not what is recorded; and takes much memory
+        timed_steps(run, 1)
     tflop = counter.get_total_flops() / 1e12
     record = {
         "preset": arguments.preset,
         "first_step_seconds": round(first[0], 4),
         "seconds": round(statistics.median(seconds), 5),
         "longest_seconds": round(max(seconds), 5),
-        "peak_rss_gib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 2),
+        "peak_rss_gib": round(peak / 2**20, 2),
         "tflop_in_matrix_products": round(tflop, 4),
         "parameters": sum(parameter.numel() for parameter in model.parameters()),
         "torch": torch.__version__,
@@ -130,7 +143,7 @@ def main() -> None:
         rate = bfloat16_rate()
         record |= {
             "gpu": torch.cuda.get_device_name(),
-            "recorded": run.gradient.recorded,
+            "recorded": recorded,
             "peak_gpu_gib": round(held / 2**30, 2),
             "bfloat16_tflop_per_second": round(rate),
             "share_of_bfloat16_rate": round(tflop / statistics.median(seconds) / rate, 4),
@@ -139,12 +152,6 @@ def main() -> None:
     if arguments.json:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps(record, indent=2) + "\n")
-    if arguments.profile:
-        activities = [ProfilerActivity.CPU, *[ProfilerActivity.CUDA] * on_gpu]
-        with profile(activities=activities) as spent:
-            timed_steps(run, 5)
-        order = "self_cuda_time_total" if on_gpu else "self_cpu_time_total"
-        print(spent.key_averages().table(sort_by=order, row_limit=25, max_name_column_width=70))
 
 
 if __name__ == "__main__":
