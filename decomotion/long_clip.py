@@ -93,7 +93,7 @@ def own_files(config: DataConfig) -> list[str]:
     """Options whose flow, masks or tracks are the user's own, which go with the frames of one clip."""
     given = {
         "--flow": isinstance(config.flow, FolderFlowConfig),
-        "--masks": config.masks not in ("auto", "none"),
+        "--masks": config.gives_masks,
         "--tracks": config.tracks is not None,
     }
     return [option for option, is_given in given.items() if is_given]

@@ -131,8 +131,9 @@ SUPERVISION_OPTIONS = (
     click.option("--feature-weights", metavar="FILE", help="Weights of ALIKED or DINO."),
     click.option(
         "--masks",
-        metavar="auto|none|DIR",
-        help="Motion masks, or a folder of them.  [default: the preset's]",
+        metavar="auto|isnet|FILE.onnx|none|DIR",
+        help="What moves: by links; with outlines by IS-Net, or its file; not at all; or a folder of masks.  [default: "
+        "the preset's]",
     ),
     click.option("--tracks", metavar="FILE", help="Tracks of any tracker, .npz, as further correspondences."),
     click.option(
@@ -186,8 +187,8 @@ def window_options(command: Function) -> Function:
 
 FILES = ("file", "flow_weights", "match_weights", "feature_weights", "tracks")
 """Arguments that name files, which commands elsewhere find by their full names."""
-PERHAPS_FOLDERS = ("flow", "masks")
-"""Arguments that name a folder, or something else."""
+PERHAPS_FILES = ("flow", "masks")
+"""Arguments that name a file or a folder, or something else."""
 
 
 def forwarded(context: click.Context, but_for: Sequence[str], base: Path | None = None) -> list[str]:
@@ -201,7 +202,7 @@ def forwarded(context: click.Context, but_for: Sequence[str], base: Path | None 
         value = context.params[option.name or ""]
         for each in value if option.multiple else [value]:
             text = str(each)
-            if option.name in FILES or (option.name in PERHAPS_FOLDERS and (base / text).is_dir()):
+            if option.name in FILES or (option.name in PERHAPS_FILES and (base / text).exists()):
                 text = str(base / text)
             arguments += [option.opts[0]] if option.is_flag else [option.opts[0], text]
     return arguments

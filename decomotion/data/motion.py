@@ -13,6 +13,7 @@ from decomotion.data import camera
 from decomotion.data.masks.auto import moves_at
 from decomotion.data.pool import UNKNOWN_MOTION
 from decomotion.data.positions import Positions
+from decomotion.data.sampling import nearest, rescaled
 from decomotion.data.structure import structure
 from decomotion.units import unit
 
@@ -22,7 +23,7 @@ def build_motion(
     points: npt.NDArray[np.float32],
     targets: Positions,
     confidence: npt.NDArray[np.uint8],
-    given: Iterable[npt.NDArray[np.bool_]] | None,
+    masks: Iterable[npt.NDArray[np.bool_]] | None,
     probability: npt.NDArray[np.float32] | None,
     random: np.random.Generator,
     folder: Path,
@@ -35,13 +36,13 @@ def build_motion(
         points: [frame, point, 2].
         targets: [frame, frame, point, 2], where they lie in the other frames.
         confidence: [frame, frame, point].
-        given: the user's masks [H, W], one a frame; or
+        masks: of what moves, [H, W] at any size, one a frame; or
         probability: that what lies in a frame moves, [frame, row, column]; or neither.
         random: draws the points that the structure's cameras are fitted to.
         folder: of the stage.
     """
-    if given is not None:
-        at = [read_at(mask, xy) for mask, xy in zip(given, points, strict=True)]
+    if masks is not None:
+        at = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, points, strict=True)]
     elif probability is not None:
         at = [moves_at(values, xy, sides) for values, xy in zip(probability, points, strict=True)]
     else:
@@ -53,14 +54,8 @@ def build_motion(
         np.save(folder / f"{name}.npy", array)
     for name, array in (("moving", moving), ("camera", of_scene), ("object", of_object)):
         np.save(folder / f"{name}.npy", array)
-    known = given is not None or probability is not None
+    known = masks is not None or probability is not None
     return {"moving": float((moving == 1).mean()) if known else None}
-
-
-def read_at(mask: npt.NDArray[np.bool_], xy: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """[point]: a mask [H, W] at the pixels nearest to `xy` [point, 2]."""
-    x, y = np.round(xy).astype(np.int64).T
-    return mask[y, x]
 
 
 def closed_form(

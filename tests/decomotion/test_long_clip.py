@@ -185,6 +185,16 @@ class TestCommand:
             assert f"{option} with several windows: files of the whole clip do not fit" in capsys.readouterr().err
         assert not Path("runs").exists()
 
+    def test_a_network_draws_outlines_in_each(self, frames: Path, calls: Path, tmp_path: Path):
+        """Tasks find its file, and a name that is none is left as it is."""
+        network = Path("network.onnx")
+        network.touch()
+        for masks, told in (("network.onnx", network.absolute()), ("isnet", "isnet")):
+            argv = [str(frames), "--window", "8", "--steps", "1", "--masks", masks, "--out", f"runs/{masks}"]
+            assert main(argv) == 0
+            said = (calls / "window-001").read_text().splitlines()[-1].split()
+            assert said[said.index("--masks") + 1] == str(told)
+
     @pytest.mark.parametrize("length", ["7", "0", "-3", "many", "8.5"])
     def test_no_length_of_a_window(self, length: str, frames: Path, capsys: pytest.CaptureFixture[str]):
         assert main([str(frames), "--window", length]) == 2

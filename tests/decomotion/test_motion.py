@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decomotion.data.motion import build_motion, closed_form, read_at
+from decomotion.data.motion import build_motion, closed_form
 from decomotion.data.pool import open_pool
 from decomotion.data.positions import pack
 from decomotion.units import to_units
@@ -62,11 +62,17 @@ def test_unknown_motion_counts_for_both():
     np.testing.assert_allclose(shifts(of_scene)[0], 2 * SCENE, atol=1e-3)
 
 
-def test_masks_are_read_at_the_nearest_pixel():
-    masks = np.zeros((2, 4, 6), np.bool_)
-    masks[0, 1, 4] = masks[1, 3, 0] = True
-    points = np.array([[[4.4, 0.6], [3.4, 1.0], [4.0, 1.6]], [[0.2, 2.7], [0.6, 3.0], [4.0, 1.0]]], np.float32)
-    assert [read_at(*both).tolist() for both in zip(masks, points, strict=True)] == [[True, False, False]] * 2
+@pytest.mark.parametrize("finer", [1, 2])
+def test_masks_are_read_at_the_nearest_pixel(finer: int, tmp_path: Path):
+    """Of frames 0 and 3, in masks as large as the clip and twice as large."""
+    points, targets, confidence, _ = moved(60)
+    points[0, :3], points[3, :3] = [[4.4, 0.6], [3.4, 1.0], [4.0, 1.6]], [[0.2, 2.7], [0.6, 3.0], [4.0, 1.0]]
+    masks = np.zeros((FRAMES, HEIGHT, WIDTH), np.bool_)
+    masks[0, 1, 4] = masks[3, 3, 0] = True
+    masks = masks.repeat(finer, 1).repeat(finer, 2)
+    build_motion((HEIGHT, WIDTH), points, targets, confidence, masks, None, np.random.default_rng(0), tmp_path)
+    moving = np.load(tmp_path / "moving.npy")
+    assert moving[[0, 3], :3].tolist() == [[1, 0, 0]] * 2
 
 
 @pytest.mark.parametrize(

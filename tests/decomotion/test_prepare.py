@@ -22,14 +22,17 @@ from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.links import budget, costs, flow_store, keypoint_matching, linker
 from decomotion.data.links import stage as links_stage
+from decomotion.data.links.flow_store import pixels
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
+from decomotion.data.masks import isnet
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, making, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
 from decomotion.data.working import build_frames
 from decomotion.errors import DownloadError, SupervisionError
 from tiny_fit import FRAMES, HEIGHT, TINY, TINY_CPU, WIDTH, on_square, sliding_square, true_target, write_frames
+from tiny_isnet import write_network
 
 MIDDLE = FRAMES // 2
 
@@ -46,6 +49,24 @@ def clip() -> Clip:
 @pytest.fixture(scope="module")
 def pool(clip: Clip) -> Pool:
     return prepare(clip, config(), progress=False)
+
+
+@pytest.fixture
+def builds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """An empty cache, and the names of the stages that are built."""
+    monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
+    run, names = Stage.run, []
+
+    def counted(stage: Stage, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
+        def build_and_count(folder: Path) -> dict[str, Any]:
+            if stage.name != "frames":  # which all others may ask for
+                names.append(stage.name)
+            return build(folder)
+
+        return run(stage, build_and_count, rebuild)
+
+    monkeypatch.setattr(Stage, "run", counted)
+    return names
 
 
 class TestContent:
@@ -115,6 +136,73 @@ class TestMasks:
         write_frames(Clip("masks", masks, 24.0), tmp_path / "masks")
         pool = prepare(clip, config(f"data.masks={tmp_path / 'masks'}"), progress=False)
         np.testing.assert_array_equal(pool.moving, np.round(pool.points[..., 0]) < WIDTH // 2)
+
+    def test_outlines_of_a_network(self, clip: Clip, tmp_path: Path):
+        """It tells a red square, two pixels wider than what moves by its links."""
+        frame = np.arange(FRAMES)
+        frames = clip.frames // 3
+        frames[..., 0] += np.uint8(170) * on_square(pixels(HEIGHT, WIDTH), frame[:, None, None], margin=-2)
+        red = write_network(tmp_path / "red.onnx", (20, 0, 0), 0.5, (1, 3, HEIGHT, WIDTH))
+        reddish = dataclasses.replace(clip, frames=frames)
+        by_links, found = (
+            prepare(reddish, config(f"data.masks={masks}", "data.features=none"), progress=False)
+            for masks in ("auto", red)
+        )
+        truth = on_square(np.round(found.points), frame[:, None], margin=-2)
+        wrong, still_wrong = ((pool.moving == 1) != truth for pool in (by_links, found))
+        assert 0 < still_wrong.sum() < 0.8 * wrong.sum()
+
+    @pytest.mark.parametrize("alone", [True, False])
+    def test_outlined_masks_go_with_the_links_of_auto(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, alone: bool
+    ):
+        """Half as large as the clip."""
+        masks = np.zeros((FRAMES, HEIGHT // 2, WIDTH // 2), np.bool_)
+        for frame, mask in enumerate(masks):
+            mask[4:12, 1 + frame : 8 + frame] = True
+        asked = []
+
+        def outlined(frames: Any, probability: np.ndarray, *_: object) -> Any:
+            asked.append((frames.shape, probability.shape))
+            return iter(masks)
+
+        monkeypatch.setattr(making, "outlined", outlined)
+        off = (f"data.flow.alone={json.dumps(alone)}", "data.features=none")
+        by_links = prepare(clip, config("data.masks=auto", *off), progress=False)
+        network = write_network(tmp_path / "network.onnx")
+        found = prepare(clip, config(f"data.masks={network}", *off), progress=False)
+        assert builds == ["links", "features", "motion", "motion"]
+        assert asked == [((FRAMES, HEIGHT, WIDTH, 3), (FRAMES, 13, 20))]
+        for frame, mask in enumerate(masks.repeat(2, 1).repeat(2, 2)):
+            x, y = np.floor(found.points[frame] + 0.5).astype(int).T
+            inner = (np.abs(found.points[frame] % 2 - 0.5) < 0.9).all(axis=-1)  # else the nearest pixel is a draw
+            np.testing.assert_array_equal(found.moving[frame][inner], mask[y, x][inner])
+        assert (found.moving != by_links.moving).any()
+
+    def test_without_weights_masks_are_those_of_links(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ):
+        def offline(_: None) -> Path:
+            raise DownloadError("the weights of IS-Net cannot be downloaded on this machine; give its file")
+
+        monkeypatch.setattr(isnet, "file_of", offline)
+        prepare(clip, config("data.masks=isnet", "data.features=none"), progress=False)
+        assert "on this machine; give its file; until then masks are those of --masks auto" in caplog.text
+        builds.clear()
+        prepare(clip, config("data.masks=auto", "data.features=none"), progress=False)
+        assert builds == []
+
+    def test_another_network_is_another_pool(self, builds: list[str], clip: Clip, tmp_path: Path):
+        """Under the same name; one that is no network is refused before any work."""
+        file = tmp_path / "network.onnx"
+        for bias in (0.0, 1.0, 1.0):
+            write_network(file, bias=bias)
+            prepare(clip, config(f"data.masks={file}", "data.features=none"), progress=False)
+        assert builds == ["links", "features", "motion", "motion"]
+        file.write_text("none")
+        with pytest.raises(SupervisionError, match=r"network\.onnx is not an ONNX file of IS-Net"):
+            prepare(clip, config(f"data.masks={file}", "data.features=none"), progress=False)
+        assert len(builds) == 4
 
     def test_that_do_not_fit(self, clip: Clip, tmp_path: Path):
         with pytest.raises(SupervisionError, match="has 0 images but the clip has 8 frames"):
@@ -208,23 +296,6 @@ class TestFilters:
 
 
 class TestCache:
-    @pytest.fixture
-    def builds(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
-        """An empty cache, and the names of the stages that are built."""
-        monkeypatch.setenv("DECOMO_CACHE", str(tmp_path / "cache"))
-        run, names = Stage.run, []
-
-        def counted(stage: Stage, build: Callable[[Path], dict[str, Any]], rebuild: bool = False) -> Record:
-            def build_and_count(folder: Path) -> dict[str, Any]:
-                if stage.name != "frames":  # which all others may ask for
-                    names.append(stage.name)
-                return build(folder)
-
-            return run(stage, build_and_count, rebuild)
-
-        monkeypatch.setattr(Stage, "run", counted)
-        return names
-
     def test_frames_are_read_once_for_all_stages_and_for_none_that_are_there(
         self, clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ):
@@ -495,18 +566,26 @@ class TestCache:
             if number and expected == 1:
                 files[1].write_bytes(b"another")
 
-    @pytest.mark.parametrize("masks", ["auto", "none"])
+    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 216)])
     def test_too_many_frames_for_the_time_are_refused_at_once(
-        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, masks: str
+        self,
+        builds: list[str],
+        clip: Clip,
+        monkeypatch: pytest.MonkeyPatch,
+        masks: str,
+        seconds: int,
+        tmp_path: Path,
     ):
-        """8 frames, of which each has features in 5 seconds, masks in 10, silhouettes in 5, and structure in 2."""
+        """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5, outlines of a network in 5 more, and
+        structure in 2."""
+        monkeypatch.setattr(isnet, "file_of", lambda _: write_network(tmp_path / "network.onnx"))
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
         monkeypatch.setattr(making, "seconds_to_place", lambda *_: 2.0)
         monkeypatch.setattr(making, "seconds_a_frame", lambda *_: 10.0)
         monkeypatch.setattr(budget.costs, "hop_costs", lambda *_: costs.HopCosts(1.0, 1.0))
         monkeypatch.setattr(MatchStore, "compute", lambda *_: pytest.fail("long work"))
         settings = config("data.flow.intervals=geometric", f"data.masks={masks}")
-        sentence = f"8 frames are too many for the time that there is: .* structure {176 if masks == 'auto' else 56}\\)"
+        sentence = f"8 frames are too many for the time that there is: .* structure {seconds}\\)"
         with pytest.raises(SupervisionError, match=sentence):
             prepare(clip, settings, progress=False)
 

@@ -97,6 +97,7 @@ def test_options_that_the_commands_share_are_the_same():
         (["--features", "hog"], "'hog' is not one of"),
         (["--tracks", "nowhere.npz"], "--tracks nowhere.npz does not exist"),
         (["--masks", "nowhere"], "mask folder nowhere does not exist"),
+        (["--masks", "nowhere.onnx"], "--masks nowhere.onnx does not exist; give the file of IS-Net"),
         (["--prepare-budget", "soon"], "'soon' is not a duration"),
     ],
 )

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from decomotion.data.masks.links import Links
-from decomotion.data.masks.silhouette import LEAST, Mask, difference, silhouette, silhouettes
+from decomotion.data.masks.scene import LEAST, difference
+from decomotion.data.masks.silhouette import Mask, silhouette, silhouettes
 from decomotion.data.pool import grid_shape, jittered_grid
 
 FRAMES, HEIGHT, WIDTH, POINTS = 12, 72, 128, 2304

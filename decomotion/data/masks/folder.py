@@ -43,7 +43,9 @@ def read_masks(folder: Path, frames: int, height: int, width: int) -> MaskFiles:
     All are looked at here, and none is kept. Raises `SupervisionError` where they do not fit the clip.
     """
     if not folder.is_dir():
-        raise SupervisionError(f"mask folder {folder} does not exist; give a folder of images, 'auto' or 'none'")
+        raise SupervisionError(
+            f"mask folder {folder} does not exist; give a folder of images, 'auto', 'isnet' or 'none'"
+        )
     files = images_in(folder)
     if len(files) != frames:
         raise SupervisionError(f"mask folder {folder} has {len(files)} images but the clip has {frames} frames")

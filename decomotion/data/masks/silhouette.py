@@ -1,8 +1,8 @@
 """Silhouettes: masks `auto`, with the limbs that the scene's motion has swallowed.
 
 A limb whose flow follows what is behind it does not move relative to the scene, by its links. It does not look like the
-scene either: where the frames around show what is behind it, it differs from that. So what is near a mask counts as
-moving where it differs from the scene, and its rim only there.
+scene either (`decomotion/data/masks/scene.py`). So what is near a mask counts as moving where it differs from the
+scene, and its rim only there.
 
 All is on the raster of units, frames whose longer side is 256.
 """
@@ -10,32 +10,24 @@ All is on the raster of units, frames whose longer side is 256.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from decomotion.data.masks.auto import moves_at, rendered
-from decomotion.data.masks.cameras import MIN_VALID, Model, draw, fit_homography
-from decomotion.data.masks.evidence import in_units, quantile
+from decomotion.data.masks.auto import rendered
+from decomotion.data.masks.evidence import in_units
 from decomotion.data.masks.links import Links
+from decomotion.data.masks.scene import LEAST, differences, wider
 from decomotion.frames import AnyFrames
 
 Floats = npt.NDArray[np.float32]
-Image = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 
-AROUND = (-8, -4, -2, 2, 4, 8)
-"""Frames so far away show the scene."""
 NEAR = 16
 """Units around a mask in which its limbs lie; the scene around them, as wide, says how well it is known."""
-COVERED = 6
-"""Units around a mask where another frame does not show the scene."""
 CORE = 2
 """Units inside a mask: nearer to its outline, what looks like the scene is the scene."""
-LEAST = 12.0
-"""Grey levels, the mean of three channels, by which what moves differs from the scene."""
 ORDINARY = 0.9
 """The scene around is so different from itself at most, but for this share of it."""
 SMALLEST = 3
@@ -43,75 +35,17 @@ SMALLEST = 3
 
 
 def silhouettes(frames: AnyFrames, probability: Floats, links: Links, random: np.random.Generator) -> Iterator[Mask]:
-    """What moves, [h, w] of each frame, on the raster of units.
-
-    Args:
-        frames: [frame, H, W, 3], of which a few are in memory at a time.
-        probability: [frame, row, column], that each point of the grid moves.
-        links: between the points.
-        random: draws the links that the scene's motion is fitted to.
-    """
-    sides = in_units(frames[0]).shape[:2]
-    masks = rendered(probability, sides)
-    stands = [~moves_at(values, xy, sides) for values, xy in zip(probability, links.points, strict=True)]
-
-    @lru_cache(2 * max(AROUND) + 1)
-    def shown(frame: int) -> tuple[Image, Mask]:
-        return in_units(frames[frame]), _wider(masks[frame], COVERED)
-
-    for frame, mask in enumerate(masks):
-        others = [frame + gap for gap in AROUND if 0 <= frame + gap < len(masks)]
-        seen = ((shown(other), _scene_motion(links, frame, other, stands[frame], random)) for other in others)
-        views = [_brought_here(*there, motion) for there, motion in seen if motion is not None]
-        yield silhouette(mask, difference(shown(frame)[0], views))
+    """What moves, [h, w] of each frame, on the raster of units; arguments as of `differences`."""
+    masks = rendered(probability, in_units(frames[0]).shape[:2])
+    for mask, different in zip(masks, differences(frames, list(masks), probability, links, random), strict=True):
+        yield silhouette(mask, different)
 
 
 def silhouette(mask: Mask, different: Floats) -> Mask:
     """What of a frame moves, [h, w], from its `mask` and how much it differs from the scene (`difference`)."""
-    near = _wider(mask, NEAR)
-    beyond = different[_wider(mask, 2 * NEAR) & ~near & ~np.isnan(different)]
+    near = wider(mask, NEAR)
+    beyond = different[wider(mask, 2 * NEAR) & ~near & ~np.isnan(different)]
     least = max(LEAST, float(np.quantile(beyond, ORDINARY))) if len(beyond) else LEAST
     core = cv2.erode(mask.view(np.uint8), np.ones((2 * CORE + 1, 2 * CORE + 1), np.uint8)).astype(np.bool_)
     found = core | (near & np.where(np.isnan(different), mask, different > least))
-    return _wider(cv2.medianBlur(found.view(np.uint8), SMALLEST).astype(np.bool_), 1)
-
-
-def difference(image: Image, views: list[Floats]) -> Floats:
-    """How much each pixel of `image` [h, w, 3] differs from the scene, [h, w], in grey levels; NaN where it is unknown.
-
-    The scene is the median of `views` [h, w, 3], NaN where one does not show it. It may lie a pixel off.
-    """
-    if not views:
-        return np.full(image.shape[:2], np.nan, np.float32)
-    scene = quantile(views, 0.5)
-    unknown = np.isnan(scene[..., 0])
-    scene[unknown] = 0
-    least = np.full(image.shape[:2], np.inf, np.float32)
-    for shift in np.ndindex(3, 3):
-        shifted = np.roll(scene, (shift[0] - 1, shift[1] - 1), (0, 1))
-        least = np.minimum(least, cv2.blur(np.abs(image - shifted).mean(axis=-1), (3, 3)))
-    return np.where(unknown, np.float32(np.nan), least)
-
-
-def _scene_motion(links: Links, frame: int, other: int, stands: Mask, random: np.random.Generator) -> Model | None:
-    """Homography of what `stands` [point], from `frame` to `other`; None where too little of it is seen in both."""
-    seen = stands & (links.weight(frame, other) > 0)
-    if seen.sum() < MIN_VALID:
-        return None
-    drawn = draw(seen.astype(np.float64), random)
-    return fit_homography(links.points[frame][drawn], links.target(frame, other)[drawn])
-
-
-def _brought_here(image: Image, covered: Mask, motion: Model) -> Floats:
-    """Another frame [h, w, 3] as the scene lies in this one, NaN where it does not show it."""
-    size = image.shape[1::-1]
-    there = cv2.warpPerspective(image, motion, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-    shows = cv2.warpPerspective(
-        (~covered).astype(np.uint8), motion, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    )
-    return np.where(shows[..., None] > 0, there, np.float32(np.nan)).astype(np.float32)
-
-
-def _wider(mask: Mask, radius: int) -> Mask:
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    return cv2.dilate(mask.view(np.uint8), disc).astype(np.bool_)
+    return wider(cv2.medianBlur(found.view(np.uint8), SMALLEST).astype(np.bool_), 1)

@@ -68,7 +68,7 @@ def prepare_in_stages(
     keys = Keys(inputs)
     making = Making(inputs, keys)
     remove_abandoned(keys.root)
-    _check(inputs, keys)
+    _check(inputs, keys, making)
     records = [keys.links.run(making.build_links, rebuild), keys.features.run(making.build_features, rebuild)]
     if inputs.filters_on:
         records.append(keys.filter.run(making.build_filter, rebuild))
@@ -92,7 +92,7 @@ def affordable(clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0,
     return shorter.model_copy(update={"prepare_budget": max(share, links.settings["budget"] or share)})
 
 
-def _check(inputs: Inputs, keys: Keys) -> None:
+def _check(inputs: Inputs, keys: Keys, making: Making) -> None:
     """Reads all that the user gives and loads the networks that will be needed, before any long work."""
     config, rebuild = inputs.config, inputs.rebuild
     _ = inputs.given_masks, inputs.tracks
@@ -106,3 +106,5 @@ def _check(inputs: Inputs, keys: Keys) -> None:
         inputs.estimator.require(pairs_of((1,), len(inputs.clip)))
     if rebuild or not keys.links.finished or not keys.features.finished:
         _ = inputs.extractor
+    if keys.outlines and (rebuild or not keys.links.finished or not keys.motion.finished):
+        _ = making.network

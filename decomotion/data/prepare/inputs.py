@@ -50,7 +50,7 @@ class Inputs:
     @cached_property
     def given_masks(self) -> MaskFiles | None:
         """The user's; None where they give none."""
-        if self.config.masks in ("auto", "none"):
+        if not self.config.gives_masks:
             return None
         return read_masks(Path(self.config.masks), len(self.clip), self.clip.height, self.clip.width)
 
@@ -62,7 +62,7 @@ class Inputs:
     @property
     def finds_masks_of_links(self) -> bool:
         """Whether flow is to follow by itself what is found to move."""
-        return self.config.masks == "auto" and self._alone
+        return self.config.finds_masks and self._alone
 
     @property
     def _alone(self) -> bool:

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from decomotion.cache import cache_root
+from decomotion.data.config import ISNET
 from decomotion.data.flow.config import FolderFlowConfig, RaftFlowConfig
 from decomotion.data.links.budget import what_is_thinned
 from decomotion.data.links.config import MatchingConfig
 from decomotion.data.links.filtering import Grid
 from decomotion.data.links.matcher import Matcher
 from decomotion.data.links.matching import build_matcher
+from decomotion.data.masks import isnet
 from decomotion.data.pool import grid_shape
 from decomotion.data.prepare.inputs import Inputs
 from decomotion.data.stages import Stage, settings_of_finished
@@ -107,12 +109,11 @@ class Keys:
     def motion(self) -> Stage:
         """By `links`, filtered where rules are on."""
         given = self.inputs.given_masks
-        kind = self.inputs.config.masks if given is None else "given"
         return self.stage(
             "motion",
             seed=self.inputs.seed,
             links=self.filter.key if self.inputs.filters_on else self.links.made,
-            kind=kind,
+            kind=self.masks if given is None else "given",
             given=None if given is None else given.digest,
         )
 
@@ -121,6 +122,26 @@ class Keys:
         if self.inputs.finds_masks_of_links:
             return "auto"
         return None if self.inputs.masks_of_links is None else self.inputs.masks_of_links.digest
+
+    @cached_property
+    def masks(self) -> str:
+        """The kind of the masks, with the hash of the network's file: `auto` where its weights can be had nowhere."""
+        config = self.inputs.config
+        if not config.outlines:
+            return config.masks
+        if config.masks != ISNET:
+            return f"{ISNET} {file_digest(Path(config.masks))}"
+        try:
+            isnet.file_of(None)
+        except DownloadError as error:
+            log.warning("%s; until then masks are those of --masks auto, which lack thin parts", error)
+            return "auto"
+        return ISNET
+
+    @property
+    def outlines(self) -> bool:
+        """Whether a network draws the masks' outlines."""
+        return self.masks.startswith(ISNET)
 
     def digest_of_flow(self) -> str | None:
         """Hash of the files that decide the flow beside the settings."""

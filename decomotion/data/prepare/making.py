@@ -13,12 +13,15 @@ import numpy.typing as npt
 
 from decomotion.chance import generator
 from decomotion.clip import Clip
+from decomotion.data.config import ISNET
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.links.filtering import build_filtered
 from decomotion.data.links.stage import Linked, build_links
 from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.cost import seconds_a_frame
+from decomotion.data.masks.isnet import Isnet
 from decomotion.data.masks.links import Links
+from decomotion.data.masks.outlines import outlined
 from decomotion.data.masks.silhouette import Mask, silhouettes
 from decomotion.data.motion import build_motion
 from decomotion.data.pool import jittered_grid
@@ -75,6 +78,12 @@ class Making:
         how = (self.inputs.sides, generator(self.inputs.seed, "masks"), self.inputs.progress)
         return moving_probability(self.working.frames, *linked, *how)
 
+    @cached_property
+    def network(self) -> Isnet:
+        """That draws outlines."""
+        masks = self.inputs.config.masks
+        return Isnet(None if masks == ISNET else masks, self.inputs.device)
+
     def seconds_after_links(self, points: int) -> float:
         """What features, masks and structure will take here, about, by those of a frame with so many points."""
         inputs, frames = self.inputs, self.working.frames
@@ -84,9 +93,11 @@ class Making:
             sides = (self.working.height, self.working.width)
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
-        if inputs.config.masks == "auto":
-            more = 1 + SILHOUETTES if inputs.finds_masks_of_links else 1
+        if inputs.config.finds_masks:
+            more = 1 + SILHOUETTES if inputs.finds_masks_of_links or self.keys.outlines else 1
             seconds += more * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
+        if self.keys.outlines:
+            seconds += least_seconds(lambda: self.network(frames[0]))
         return len(frames) * seconds
 
     def build_features(self, folder: Path) -> dict[str, Any]:
@@ -108,13 +119,17 @@ class Making:
         points, targets, confidence = self.linked()
         if inputs.filters_on:
             confidence = np.load(keys.filter.folder / "confidence.npy", mmap_mode="r")
-        probability = None
+        linked = points, targets, confidence, (keys.grid.rows, keys.grid.columns)
+        masks, probability = inputs.given_masks, None
         if inputs.finds_masks_of_links:
             probability = np.load(keys.links.folder / PROBABILITY)
-        elif inputs.config.masks == "auto":
-            probability = self.found((points, targets, confidence, (keys.grid.rows, keys.grid.columns)))
+        elif inputs.config.finds_masks:
+            probability = self.found(linked)
+        if probability is not None and keys.outlines:
+            how = (self.network, generator(inputs.seed, "outlines"), inputs.progress)
+            masks = outlined(self.working.frames, probability, Links(*linked, inputs.sides), *how)
         random = generator(inputs.seed, "structure")
-        return build_motion(inputs.sides, points, targets, confidence, inputs.given_masks, probability, random, folder)
+        return build_motion(inputs.sides, points, targets, confidence, masks, probability, random, folder)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""

@@ -1,0 +1,177 @@
+"""Outlines by a network: what is its to say, and what stays the links'."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from decomotion.data.masks.links import Links
+from decomotion.data.masks.outlines import LIMB, RIM, boxes, but_for_scene, outline, outlined, stands_out
+from decomotion.data.masks.scene import LEAST
+from decomotion.data.pool import jittered_grid
+
+HEIGHT, WIDTH = 120, 256
+"""One pixel is one unit."""
+
+
+def filled(*parts: tuple[slice, slice], shape: tuple[int, int] = (HEIGHT, WIDTH)) -> np.ndarray:
+    mask = np.zeros(shape, np.bool_)
+    for part in parts:
+        mask[part] = True
+    return mask
+
+
+BODY = (slice(40, 60), slice(50, 90))
+TAIL = (slice(48, 50), slice(90, 105))
+
+
+class TestOutline:
+    def test_a_part_that_mostly_moves_counts_with_its_limbs(self):
+        found = outline(filled(BODY), filled(BODY, TAIL).astype(np.float32))
+        np.testing.assert_array_equal(found, filled(BODY, TAIL))
+
+    def test_no_farther_than_a_limb_reaches(self):
+        found = outline(filled(BODY), filled(BODY, (slice(48, 50), slice(90, 140))).astype(np.float32))
+        np.testing.assert_array_equal(found, filled(BODY, (slice(48, 50), slice(90, 90 + int(LIMB) - 1))))
+
+    @pytest.mark.parametrize("moves", [True, False])
+    def test_of_what_stands_still_for_the_most_part_nothing_counts(self, moves: bool):
+        """A bush of which the mask holds somewhat more than a half, or less."""
+        bush = (slice(20, 40), slice(100, 120))
+        mask = filled(BODY, (slice(20, 40), slice(100, 111 if moves else 109)))
+        found = outline(mask, filled(BODY, bush).astype(np.float32))
+        np.testing.assert_array_equal(found, filled(BODY, bush) if moves else mask)
+
+    def test_the_blurred_rim_of_what_is_outlined_goes(self):
+        """As far as `RIM`, and all of it stays where it reaches farther: a shadow, which the network leaves out."""
+        narrow, wide = (filled((slice(40, 60), slice(50, 90 + margin))) for margin in (int(RIM), int(RIM) + 1))
+        np.testing.assert_array_equal(outline(narrow, filled(BODY).astype(np.float32)), filled(BODY))
+        np.testing.assert_array_equal(outline(wide, filled(BODY).astype(np.float32)), wide)
+
+    def test_what_moves_and_is_not_outlined_stays(self):
+        ball = (slice(80, 88), slice(150, 158))
+        found = outline(filled(BODY, ball), filled(BODY).astype(np.float32))
+        np.testing.assert_array_equal(found, filled(BODY, ball))
+
+    @pytest.mark.parametrize("mask", [filled(), filled(BODY)])
+    def test_a_network_that_sees_nothing_changes_nothing(self, mask: np.ndarray):
+        np.testing.assert_array_equal(outline(mask, np.zeros(mask.shape, np.float32)), mask)
+
+    def test_nothing_moves(self):
+        assert not outline(filled(), filled(BODY).astype(np.float32)).any()
+
+    def test_lengths_are_in_units(self):
+        """A frame three times as large, and higher than wide."""
+        large, body = (WIDTH * 3, HEIGHT * 3), (slice(200, 300), slice(60, 120))
+        likely = filled(body, (slice(240, 246), slice(120, 240)), shape=large)
+        found = outline(filled(body, shape=large), likely.astype(np.float32))
+        np.testing.assert_array_equal(
+            found, filled(body, (slice(240, 246), slice(120, 120 + int(3 * LIMB) - 1)), shape=large)
+        )
+
+
+class TestBoxes:
+    def test_around_a_part_as_much_again_on_each_side(self):
+        """In the frame: what lies beyond an edge is shown on the other side."""
+        (box,) = boxes(filled((slice(50, 60), slice(100, 122))))
+        assert box == (slice(16, 94), slice(66, 156))  # 18x30 with what is together, and 30 around
+        (box,) = boxes(filled((slice(0, 10), slice(230, 256))))
+        assert box == (slice(0, 74), slice(166, 256))
+
+    def test_a_large_part_has_the_whole_frame(self):
+        assert boxes(filled((slice(10, 110), slice(20, 230)))) == [(slice(0, HEIGHT), slice(0, WIDTH))]
+
+    def test_the_two_largest_that_are_not_small(self):
+        parts = [(slice(5, 5 + side), slice(left, left + side)) for side, left in ((20, 10), (30, 80), (10, 160))]
+        assert [box[1].start for box in boxes(filled(*parts))] == [80 - 4 - 38, 0]
+        assert boxes(filled((slice(50, 53), slice(50, 53)))) == []
+        assert boxes(filled()) == []
+
+    def test_neighbours_are_looked_at_together(self):
+        assert len(boxes(filled((slice(40, 60), slice(50, 70)), (slice(40, 60), slice(77, 97))))) == 1
+        assert len(boxes(filled((slice(40, 60), slice(50, 70)), (slice(40, 60), slice(80, 100))))) == 2
+
+
+def test_each_part_is_shown_and_the_larger_value_counts():
+    frame = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    frame[..., 0] = np.arange(WIDTH)
+    shown = []
+
+    def network(picture: np.ndarray) -> np.ndarray:
+        assert picture.flags.c_contiguous
+        shown.append((picture.shape[0], picture[0, 0, 0], picture[0, -1, 0]))
+        return np.full(picture.shape[:2], 0.25 * len(shown), np.float32)
+
+    found = stands_out(frame, filled((slice(40, 60), slice(50, 80)), (slice(40, 60), slice(100, 120))), network)
+    assert shown == [(104, 8, 121), (84, 68, 151)]
+    assert (found[60, 20], found[60, 100], found[60, 140], found[60, 200]) == (0.25, 0.5, 0.5, 0)
+
+
+class TestWithoutTheScene:
+    """What is found beside the body: a part of 10 by 10 that looks like the scene in so many columns."""
+
+    BESIDE = (slice(45, 55), slice(90, 100))
+
+    @pytest.mark.parametrize(("columns", "stays"), [(0, True), (4, True), (6, False), (10, False)])
+    def test_what_looks_like_it_for_the_most_part_goes(self, columns: int, stays: bool):
+        different = np.full((HEIGHT, WIDTH), LEAST + 1, np.float32)
+        different[:, 90 : 90 + columns] = LEAST - 1
+        found = but_for_scene(filled(BODY, self.BESIDE), filled(BODY), different)
+        np.testing.assert_array_equal(found, filled(BODY, self.BESIDE) if stays else filled(BODY))
+
+    def test_where_it_is_not_known_nothing_does(self):
+        different = np.full((HEIGHT, WIDTH), np.nan, np.float32)
+        np.testing.assert_array_equal(
+            but_for_scene(filled(BODY, self.BESIDE), filled(BODY), different), filled(BODY, self.BESIDE)
+        )
+
+    def test_what_links_tell_to_move_stays(self):
+        different = np.zeros((HEIGHT, WIDTH), np.float32)
+        np.testing.assert_array_equal(but_for_scene(filled(BODY), filled(BODY), different), filled(BODY))
+
+    def test_each_part_by_itself_and_on_a_finer_raster(self):
+        above, below = (slice(60, 80), slice(180, 200)), (slice(120, 140), slice(180, 200))
+        body = (slice(80, 120), slice(100, 180))
+        different = np.full((HEIGHT, WIDTH), LEAST + 1, np.float32)
+        different[60:70] = LEAST - 1
+        large = {"shape": (2 * HEIGHT, 2 * WIDTH)}
+        found = but_for_scene(filled(body, above, below, **large), filled(body, **large), different)
+        np.testing.assert_array_equal(found, filled(body, above, **large))
+
+
+FRAMES = 10
+
+
+def test_outlines_are_the_network_s_but_for_a_bystander():
+    """A red body slides over a scene that stands; beside its way stands another red thing, which it touches at times.
+
+    Of the body the probability knows the middle alone, on a coarse grid. Frames are 144x256.
+    """
+    random = np.random.default_rng(2)
+    scene = cv2.GaussianBlur(random.uniform(0, 255, (144, 256, 3)), (0, 0), 2)
+    scene = np.clip(128 + 4 * (scene - 128), 0, 255).astype(np.uint8)
+    scene[..., 0] //= 3
+    bystander, bodies = filled((slice(64, 74), slice(130, 140)), shape=(144, 256)), []
+    scene[bystander, 0] = 255
+    frames = np.repeat(scene[None], FRAMES, axis=0)
+    for frame in range(FRAMES):
+        left = 40 + 12 * frame
+        trunk, limb = (slice(40, 64), slice(left, left + 30)), (slice(30, 40), slice(left + 4, left + 7))
+        bodies.append(filled(trunk, limb, shape=(144, 256)))
+        frames[frame, bodies[-1]] = (255, 60, 60)
+    grid = (36, 64)
+    points = jittered_grid(FRAMES, 144, 256, 36 * 64, random)
+    x, y = np.round(points).astype(int).transpose(2, 0, 1)
+    moves = np.stack([body[40:64].any(0)[x[k]] & (y[k] >= 40) & (y[k] < 64) for k, body in enumerate(bodies)])
+    away = np.arange(FRAMES)[None] - np.arange(FRAMES)[:, None]
+    speed = np.where(moves[..., None], np.float32([12, 0]), np.float32([0, 0]))
+    targets = (points[:, None] + away[..., None, None] * speed[:, None]).astype(np.float32)
+    links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, (144, 256))
+    likely = moves.reshape(FRAMES, *grid).astype(np.float32)
+    masks = list(outlined(frames, likely, links, lambda picture: picture[..., 0] / np.float32(255), random))
+    touches = [cv2.dilate(body.view(np.uint8), np.ones((3, 3), np.uint8))[bystander].any() for body in bodies]
+    assert 1 < sum(touches) < FRAMES // 2
+    for mask, body in zip(masks, bodies, strict=True):
+        assert mask[body].mean() > 0.95
+        assert (mask & ~body).sum() <= 4  # of a hundred of the bystander
