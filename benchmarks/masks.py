@@ -4,7 +4,7 @@
 
 The second file holds a boolean array [frame, H, W] for each clip of the first, by name. Flow and links are those of
 the preset, from the cache where they were prepared before. Every figure is a mean over the clip's frames. A column of
-the ablation leaves out one part of the method.
+the ablation leaves out one part of the method; with `--network isnet.onnx` one has the outlines that IS-Net draws.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ from decomotion.clip import Clip
 from decomotion.config import load
 from decomotion.data.masks import cameras, consistency, evidence, labelling
 from decomotion.data.masks.auto import moving_probability, rendered
+from decomotion.data.masks.isnet import Isnet
+from decomotion.data.masks.links import Links
+from decomotion.data.masks.outlines import outlined
 from decomotion.data.prepare import prepare_in_stages
 from harness.pictures import intersection_over_union
 
@@ -61,10 +64,21 @@ def exchanged(module: ModuleType, name: str, value: Any) -> Iterator[None]:
 @click.option("--preset", type=click.Choice(["cpu", "paper"]), default="cpu", help="Whose flow and links.")
 @click.option("--set", "overrides", multiple=True, help="Settings of the links, as data.flow.intervals=[1,2].")
 @click.option("--ablate", is_flag=True, help="Also without each part of the method.")
-def main(dataset: str, truth: str, clips: str | None, preset: str, overrides: tuple[str, ...], ablate: bool) -> None:
+@click.option("--network", help="IS-Net's file: also with its outlines.")
+def main(
+    dataset: str,
+    truth: str,
+    clips: str | None,
+    preset: str,
+    overrides: tuple[str, ...],
+    ablate: bool,
+    network: str | None,
+) -> None:
     videos, drawn = read_dataset(dataset), np.load(truth)
     config = load(preset, overrides=("data.features=none", "data.masks=none", *overrides)).data
-    columns = ["auto", *(ABLATIONS if ablate else ())]
+    without = tuple(ABLATIONS if ablate else ())
+    isnet = None if network is None else Isnet(network)
+    columns = ["auto", *without, *(["isnet"] if isnet is not None else [])]
     click.echo(f"| clip | moves | found | seconds | {' | '.join(columns)} |\n|{'---|' * (4 + len(columns))}")
     table = []
     for name in clips.split(",") if clips else videos:
@@ -75,13 +89,18 @@ def main(dataset: str, truth: str, clips: str | None, preset: str, overrides: tu
         sides = frames.shape[1:3]
         linked = (frames, pool.points, pool.targets, pool.confidence, prepared.grid, sides)
         begin = time.monotonic()
-        found = rendered(moving_probability(*linked, generator(0, "masks")), sides)
+        probability = moving_probability(*linked, generator(0, "masks"))
+        found = rendered(probability, sides)
         seconds = time.monotonic() - begin
         scores = [intersection_over_union(found, drawn[name])]
-        for column in columns[1:]:
+        for column in without:
             with exchanged(*ABLATIONS[column]):
-                found = rendered(moving_probability(*linked, generator(0, "masks")), sides)
-                scores.append(intersection_over_union(found, drawn[name]))
+                other = rendered(moving_probability(*linked, generator(0, "masks")), sides)
+                scores.append(intersection_over_union(other, drawn[name]))
+        if isnet is not None:
+            links = Links(*linked[1:])
+            other = np.stack(list(outlined(frames, probability, links, isnet, generator(0, "outlines"))))
+            scores.append(intersection_over_union(other, drawn[name]))
         table.append(scores)
         figures = " | ".join(f"{score:.3f}" for score in scores)
         click.echo(f"| {name} | {drawn[name].mean():.1%} | {found.mean():.1%} | {seconds:.1f} | {figures} |")
