@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from decomotion.data.masks.links import Links
-from decomotion.data.masks.outlines import LIMB, RIM, boxes, but_for_scene, outline, outlined, stands_out
+from decomotion.data.masks.outlines import DOUBT, RIM, SHARE, boxes, but_for_scene, heard, outline, outlined, stands_out
 from decomotion.data.masks.scene import LEAST
 from decomotion.data.pool import jittered_grid
 
@@ -27,48 +27,41 @@ TAIL = (slice(48, 50), slice(90, 105))
 
 
 class TestOutline:
-    def test_a_part_that_mostly_moves_counts_with_its_limbs(self):
-        found = outline(filled(BODY), filled(BODY, TAIL).astype(np.float32))
-        np.testing.assert_array_equal(found, filled(BODY, TAIL))
-
-    def test_no_farther_than_a_limb_reaches(self):
-        found = outline(filled(BODY), filled(BODY, (slice(48, 50), slice(90, 140))).astype(np.float32))
-        np.testing.assert_array_equal(found, filled(BODY, (slice(48, 50), slice(90, 90 + int(LIMB) - 1))))
+    def test_what_hangs_together_moves_as_one(self):
+        """However far a limb reaches."""
+        limb = (slice(48, 50), slice(90, 250))
+        np.testing.assert_array_equal(outline(filled(BODY), filled(BODY, limb)), filled(BODY, limb))
 
     @pytest.mark.parametrize("moves", [True, False])
-    def test_of_what_stands_still_for_the_most_part_nothing_counts(self, moves: bool):
-        """A bush of which the mask holds somewhat more than a half, or less."""
-        bush = (slice(20, 40), slice(100, 120))
-        mask = filled(BODY, (slice(20, 40), slice(100, 111 if moves else 109)))
-        found = outline(mask, filled(BODY, bush).astype(np.float32))
-        np.testing.assert_array_equal(found, filled(BODY, bush) if moves else mask)
+    def test_where_a_fair_share_of_it_is_in_the_mask(self, moves: bool):
+        """A bush of which the mask holds somewhat more than `SHARE`, or less."""
+        bush, share = (slice(20, 40), slice(100, 120)), 100 + int(20 * SHARE) + (1 if moves else -1)
+        mask = filled(BODY, (slice(20, 40), slice(100, share)))
+        np.testing.assert_array_equal(outline(mask, filled(BODY, bush)), filled(BODY, bush) if moves else mask)
 
     def test_the_blurred_rim_of_what_is_outlined_goes(self):
         """As far as `RIM`, and all of it stays where it reaches farther: a shadow, which the network leaves out."""
         narrow, wide = (filled((slice(40, 60), slice(50, 90 + margin))) for margin in (int(RIM), int(RIM) + 1))
-        np.testing.assert_array_equal(outline(narrow, filled(BODY).astype(np.float32)), filled(BODY))
-        np.testing.assert_array_equal(outline(wide, filled(BODY).astype(np.float32)), wide)
+        np.testing.assert_array_equal(outline(narrow, filled(BODY)), filled(BODY))
+        np.testing.assert_array_equal(outline(wide, filled(BODY)), wide)
+
+    def test_the_rim_is_in_units(self):
+        """A frame three times as large, and higher than wide."""
+        large, body = {"shape": (WIDTH * 3, HEIGHT * 3)}, (slice(200, 300), slice(60, 120))
+        for margin, goes in ((3 * int(RIM), True), (3 * int(RIM) + 1, False)):
+            mask = filled((slice(200, 300), slice(60, 120 + margin)), **large)
+            np.testing.assert_array_equal(outline(mask, filled(body, **large)), filled(body, **large) if goes else mask)
 
     def test_what_moves_and_is_not_outlined_stays(self):
         ball = (slice(80, 88), slice(150, 158))
-        found = outline(filled(BODY, ball), filled(BODY).astype(np.float32))
-        np.testing.assert_array_equal(found, filled(BODY, ball))
+        np.testing.assert_array_equal(outline(filled(BODY, ball), filled(BODY)), filled(BODY, ball))
 
     @pytest.mark.parametrize("mask", [filled(), filled(BODY)])
     def test_a_network_that_sees_nothing_changes_nothing(self, mask: np.ndarray):
-        np.testing.assert_array_equal(outline(mask, np.zeros(mask.shape, np.float32)), mask)
+        np.testing.assert_array_equal(outline(mask, np.zeros_like(mask)), mask)
 
     def test_nothing_moves(self):
-        assert not outline(filled(), filled(BODY).astype(np.float32)).any()
-
-    def test_lengths_are_in_units(self):
-        """A frame three times as large, and higher than wide."""
-        large, body = (WIDTH * 3, HEIGHT * 3), (slice(200, 300), slice(60, 120))
-        likely = filled(body, (slice(240, 246), slice(120, 240)), shape=large)
-        found = outline(filled(body, shape=large), likely.astype(np.float32))
-        np.testing.assert_array_equal(
-            found, filled(body, (slice(240, 246), slice(120, 120 + int(3 * LIMB) - 1)), shape=large)
-        )
+        assert not outline(filled(), filled(BODY)).any()
 
 
 class TestBoxes:
@@ -141,6 +134,60 @@ class TestWithoutTheScene:
 
 
 FRAMES = 10
+
+
+class TestHeard:
+    """Points of a scene that stands still, in frames of 72x128, of which masks are read at 144x256 and at 36x64."""
+
+    GRID = (18, 32)
+    SIDES = (72, 128)
+
+    def links(self, known: float = 1.0) -> Links:
+        points = jittered_grid(FRAMES, *self.SIDES, 18 * 32, np.random.default_rng(3))
+        targets = np.broadcast_to(points[:, None], (FRAMES, FRAMES, *points.shape[1:])).copy()
+        return Links(points, targets, np.full(targets.shape[:3], 255 * known, np.uint8), self.GRID, self.SIDES)
+
+    @pytest.mark.parametrize("scale", [0.5, 2])
+    def test_what_the_frames_around_found_overrules_a_point(self, scale: float):
+        """A thing in all masks but one, whose probability is low in that frame as well."""
+        thing = tuple(slice(int(begin * scale), int(end * scale)) for begin, end in ((16, 40), (64, 96)))
+        masks = [filled(thing, shape=tuple(int(side * scale) for side in self.SIDES)) for _ in range(FRAMES)]
+        masks[4] = np.zeros_like(masks[4])
+        found = heard(np.full((FRAMES, *self.GRID), 0.2, np.float32), masks, self.links())
+        assert found[:, 5:9, 17:23].min() > 0.9  # cells of 4x4
+        outside = np.ones(self.GRID, np.bool_)
+        outside[3:11, 15:25] = False
+        assert found[:, outside].max() < 0.01
+
+    def test_far_away_frames_are_heard(self):
+        """In one half of a clip of 24 frames."""
+        masks = [filled((slice(16, 40), slice(64, 96)), shape=self.SIDES)] * 3 + [filled(shape=self.SIDES)] * 7
+        found = heard(np.full((FRAMES, *self.GRID), 0.5, np.float32), masks, self.links())
+        assert found[9, 6, 18] > found[9, 2, 2]
+        np.testing.assert_allclose(found[9, 2, 2], found[9, 15, 30], atol=1e-3)
+
+    def test_without_links_probabilities_stay(self):
+        """But for a doubt where they are sure."""
+        probability = np.random.default_rng(1).uniform(0, 1, (FRAMES, *self.GRID)).astype(np.float32)
+        masks = [filled((slice(16, 40), slice(64, 96)), shape=self.SIDES)] * FRAMES
+        np.testing.assert_allclose(
+            heard(probability, masks, self.links(known=0)), np.clip(probability, DOUBT, 1 - DOUBT), atol=1e-5
+        )
+
+
+def test_what_stands_for_a_while_is_the_same_thing():
+    """A red thing that by its links moves in the first frames only; in the last it has the corners of the grid."""
+    thing, grid = filled((slice(20, 36), slice(40, 60)), shape=TestHeard.SIDES), (36, 64)
+    frames = np.full((FRAMES, *TestHeard.SIDES, 3), 90, np.uint8)
+    frames[:, thing] = (255, 60, 60)
+    points = jittered_grid(FRAMES, *TestHeard.SIDES, 36 * 64, np.random.default_rng(4))
+    targets = np.broadcast_to(points[:, None], (FRAMES, FRAMES, *points.shape[1:])).copy()
+    links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, TestHeard.SIDES)
+    likely = np.zeros((FRAMES, *grid), np.float32)
+    likely[: FRAMES - 2, 10:18, 20:30] = 1
+    found = outlined(frames, likely, links, lambda picture: np.float32(picture[..., 0] > 200), np.random.default_rng(0))
+    for mask in found:
+        assert (mask ^ thing).mean() < 0.01  # the thing has 0.035
 
 
 def test_outlines_are_the_network_s_but_for_a_bystander():

@@ -123,14 +123,14 @@ def mean_field(unary: Floats, lab: Floats, grid: tuple[int, int]) -> Floats:
     """
     frames = len(unary)
     edges = list(_edges(lab.reshape(frames, *grid, 3)))
-    probability = _sigmoid(unary)
+    probability = sigmoid(unary)
     for _ in range(ITERATIONS):
         odds = unary.copy()
         spin, received = (2 * probability - 1).reshape(frames, *grid), odds.reshape(frames, *grid)
         for first, second, weight in edges:
             received[first] += SPATIAL_WEIGHT * weight * spin[second]
             received[second] += SPATIAL_WEIGHT * weight * spin[first]
-        probability = DAMPING * probability + (1 - DAMPING) * _sigmoid(odds)
+        probability = DAMPING * probability + (1 - DAMPING) * sigmoid(odds)
     return probability.astype(np.float32)
 
 
@@ -153,5 +153,6 @@ def _edges(image: Floats) -> Iterator[tuple[Window, Window, Floats]]:
         yield first, second, (np.exp(-squared / scale) / length).astype(np.float32)
 
 
-def _sigmoid(odds: Floats) -> Floats:
+def sigmoid(odds: Floats) -> Floats:
+    """Probabilities of log-odds."""
     return (1 / (1 + np.exp(-odds))).astype(np.float32)

@@ -1,14 +1,15 @@
 """Masks whose outlines a network draws: links say what moves, the network how far it reaches.
 
 Links lose thin parts, whose flow follows what is behind them; the network has them, and things besides that stand
-still. So a part that it outlines counts where most of it is in the mask, and with it its legs, as far as a limb
-reaches, but for what looks like the scene that the frames around show. What is in the mask and far from all such parts
-stays: the network does not see all that moves.
+still. So what it outlines as one thing moves as one where a fair share of it is in the mask, but for what looks like
+the scene that the frames around show. What is in the mask and far from all such things stays: the network does not see
+all that moves. A thing that moves in one part of the clip may stand in another: each point hears, along its links,
+what the frames around and far away found of it, and outlines are drawn once more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -17,8 +18,10 @@ from tqdm import tqdm
 
 from decomotion.data.masks.auto import rendered
 from decomotion.data.masks.evidence import in_units
+from decomotion.data.masks.labelling import CARRIED, SMOOTHED, along_links, sigmoid
 from decomotion.data.masks.links import Links
 from decomotion.data.masks.scene import LEAST, differences
+from decomotion.data.sampling import nearest, rescaled
 from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
@@ -28,6 +31,8 @@ Mask = npt.NDArray[np.bool_]
 Network = Callable[[Picture], Floats]
 """How much each pixel [h, w] of a picture [h, w, 3] belongs to what stands out in it: `decomotion.data.masks.isnet`."""
 
+OUTLINED = 0.5
+"""What stands out more than this is outlined."""
 PARTS = 2
 """Of a mask, the largest: the network looks at each by itself."""
 SMALLEST = 12.0
@@ -36,10 +41,14 @@ TOGETHER = 4.0
 """Units between what is one part."""
 AROUND = 1.0
 """Of a part's longer side is shown on each side of it."""
-LIMB = 24.0
-"""Units from the mask that what is outlined reaches at most."""
+SHARE = 0.25
+"""Of what is outlined as one thing is in the mask at least, where all of it moves."""
 RIM = 5.0
 """Units around what is outlined that are the mask's blurred rim."""
+HEARD = 8.0
+"""Log-odds from the frames around and far away, where they agree."""
+DOUBT = 0.05
+"""A point's own probability is this far from 0 and 1 at least."""
 
 
 def outlined(
@@ -59,15 +68,43 @@ def outlined(
         network: draws the outlines.
         random: draws the links that the scene's motion is fitted to.
         progress: show a progress bar.
+
+    What stands out is asked of each frame once.
     """
-    masks, told = rendered(probability, frames.shape[1:3]), []
-    for frame, mask in zip(tqdm(frames, "outlines", disable=not progress, leave=False), masks, strict=True):
-        told.append(outline(mask, stands_out(frame, mask, network)))
-    covering = [in_units(np.uint8(255) * each) > 127 for each in told]
-    for mask, found, different in zip(
-        masks, told, differences(frames, covering, probability, links, random), strict=True
+    masks = rendered(probability, frames.shape[1:3])
+    shown = tqdm(frames, "outlines", disable=not progress, leave=False)
+    out = [stands_out(frame, mask, network) > OUTLINED for frame, mask in zip(shown, masks, strict=True)]
+    known = (frames, out, probability, links, random)
+    masks = rendered(heard(probability, list(_drawn(masks, *known)), links), frames.shape[1:3])
+    return _drawn(masks, *known)
+
+
+def _drawn(
+    masks: npt.NDArray[np.bool_],
+    frames: AnyFrames,
+    out: Sequence[Mask],
+    probability: Floats,
+    links: Links,
+    random: np.random.Generator,
+) -> Iterator[Mask]:
+    """What moves by `masks` and by what stands out, [H, W] of each frame."""
+    found = [outline(mask, each) for mask, each in zip(masks, out, strict=True)]
+    covering = [in_units(np.uint8(255) * each) > 127 for each in found]
+    for mask, each, different in zip(
+        masks, found, differences(frames, covering, probability, links, random), strict=True
     ):
-        yield but_for_scene(found, mask, different)
+        yield but_for_scene(each, mask, different)
+
+
+def heard(probability: Floats, masks: Sequence[Mask], links: Links) -> Floats:
+    """How likely points move, [frame, row, column], by their own `probability` and `masks` of other frames, [H, W]."""
+    sides = in_units(masks[0].view(np.uint8)).shape[:2]
+    at = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, links.points, strict=True)]
+    spins = 2 * np.stack(at).astype(np.float32) - 1
+    around = [sign * gap for gap in sorted({*range(1, SMOOTHED + 1), *CARRIED}) for sign in (1, -1)]
+    told = np.nan_to_num(along_links(spins, links, around, doubt=1.0)).reshape(probability.shape)
+    own = np.clip(probability, DOUBT, 1 - DOUBT)
+    return sigmoid(np.log(own / (1 - own)) + HEARD * told)
 
 
 def stands_out(frame: Picture, mask: Mask, network: Network) -> Floats:
@@ -94,13 +131,11 @@ def boxes(mask: Mask) -> list[tuple[slice, slice]]:
     return found
 
 
-def outline(mask: Mask, likely: Floats) -> Mask:
-    """What moves, [H, W], by the `mask` that links tell, and how likely each pixel stands out."""
-    length = unit(*mask.shape)
-    reach = _distance(mask) < LIMB * length
-    told = _union(mask, (part & reach for part in _parts(likely > 0.5) if 2 * (part & mask).sum() > part.sum()))
+def outline(mask: Mask, out: Mask) -> Mask:
+    """What moves, [H, W], by the `mask` that links tell and what stands `out`."""
+    told = _union(mask, (thing for thing in _parts(out) if (thing & mask).sum() > SHARE * thing.sum()))
     away = _distance(told)
-    return told | _union(mask, (part for part in _parts(mask & ~told) if away[part].max() > RIM * length))
+    return told | _union(mask, (part for part in _parts(mask & ~told) if away[part].max() > RIM * unit(*mask.shape)))
 
 
 def but_for_scene(found: Mask, mask: Mask, different: Floats) -> Mask:
