@@ -185,7 +185,7 @@ def test_what_stands_for_a_while_is_the_same_thing():
     links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, TestHeard.SIDES)
     likely = np.zeros((FRAMES, *grid), np.float32)
     likely[: FRAMES - 2, 10:18, 20:30] = 1
-    found = outlined(frames, likely, links, lambda picture: np.float32(picture[..., 0] > 200), np.random.default_rng(0))
+    found = outlined(frames, likely, links, lambda red: np.where(red[..., 0] > 200, 0.6, 0.4), np.random.default_rng(0))
     for mask in found:
         assert (mask ^ thing).mean() < 0.01  # the thing has 0.035
 

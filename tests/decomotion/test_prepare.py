@@ -566,7 +566,7 @@ class TestCache:
             if number and expected == 1:
                 files[1].write_bytes(b"another")
 
-    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 216)])
+    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 296)])
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self,
         builds: list[str],
@@ -576,7 +576,7 @@ class TestCache:
         seconds: int,
         tmp_path: Path,
     ):
-        """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5, outlines of a network in 5 more, and
+        """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5, outlines of a network in 15, and
         structure in 2."""
         monkeypatch.setattr(isnet, "file_of", lambda _: write_network(tmp_path / "network.onnx"))
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)

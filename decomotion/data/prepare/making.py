@@ -36,8 +36,10 @@ from decomotion.data.working import build_frames, working_clip, working_side
 
 PROBABILITY = "probability.npy"
 """In the folder of `links`, where it is found there: how likely points of the grid move, [frame, row, column]."""
-SILHOUETTES = 0.5
-"""What they cost, of what masks do."""
+SCENE = 0.5
+"""What it costs to tell how frames differ from the scene, of what masks do."""
+OUTLINES = 2
+"""Times that outlines ask for it; silhouettes once."""
 
 
 class Making:
@@ -94,8 +96,8 @@ class Making:
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if inputs.config.finds_masks:
-            more = 1 + SILHOUETTES if inputs.finds_masks_of_links or self.keys.outlines else 1
-            seconds += more * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
+            seen = inputs.finds_masks_of_links + OUTLINES * self.keys.outlines
+            seconds += (1 + SCENE * seen) * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
         if self.keys.outlines:
             seconds += least_seconds(lambda: self.network(frames[0]))
         return len(frames) * seconds
