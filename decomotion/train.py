@@ -93,7 +93,8 @@ def fit(
         if not ignore_cuts:
             check_one_shot(clip)
         if time_budget is not None:
-            data = affordable(clip, config.data, time_budget, seed=seed, rebuild=rebuild_cache)
+            how = {"seed": seed, "rebuild": rebuild_cache, "device": str(where)}
+            data = affordable(clip, config.data, time_budget, **how)
             config = config.model_copy(update={"data": data})  # in the run's own, so that it finds these links again
         record = Record(clip.digest(), config, seed, Budget(steps or config.optim.steps, time_budget))
     elif steps is not None or time_budget is not None:

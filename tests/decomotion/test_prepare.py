@@ -470,6 +470,23 @@ class TestCache:
         assert affordable(clip, settings, 100.0) is settings
         assert affordable(clip, settings, 100.0, rebuild=True).prepare_budget == 75.0
 
+    def test_outlines_take_of_a_fit_s_time_not_of_the_links_budget(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ):
+        """8 frames of 5 seconds each."""
+        monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
+        network = write_network(tmp_path / "network.onnx")
+        quick = ("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
+        settings = config(*quick, f"data.masks={network}")
+        assert affordable(clip, settings, 600.0) is settings
+        assert affordable(clip, settings, 200.0).prepare_budget == 0.75 * 200 - 40
+        with pytest.raises(SupervisionError, match=r"outlines of 8 frames .* about 40 of 50 seconds; give .* 294s"):
+            affordable(clip, settings, 50.0)
+        prepare(clip, config(*quick), progress=False)
+        prepare(clip, settings, progress=False)
+        assert builds == ["links", "features", "motion", "motion"]  # the links of auto
+        assert affordable(clip, settings, 50.0) is settings
+
     def test_finished_links_of_a_longer_budget_serve_a_shorter_one(self, builds: list[str], clip: Clip, few: None):
         settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
 
@@ -566,7 +583,7 @@ class TestCache:
             if number and expected == 1:
                 files[1].write_bytes(b"another")
 
-    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 296)])
+    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 176)])
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self,
         builds: list[str],
@@ -576,8 +593,9 @@ class TestCache:
         seconds: int,
         tmp_path: Path,
     ):
-        """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5, outlines of a network in 15, and
-        structure in 2."""
+        """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5 and structure in 2.
+
+        A network's outlines come on top."""
         monkeypatch.setattr(isnet, "file_of", lambda _: write_network(tmp_path / "network.onnx"))
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
         monkeypatch.setattr(making, "seconds_to_place", lambda *_: 2.0)

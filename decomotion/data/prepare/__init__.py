@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,14 +79,26 @@ def prepare_in_stages(
     return Preparation(pool, tuple(records), keys.root, (keys.grid.rows, keys.grid.columns))
 
 
-def affordable(clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0, rebuild: bool = False) -> DataConfig:
+def affordable(
+    clip: Clip, config: DataConfig, seconds: float, *, seed: int = 0, rebuild: bool = False, device: str = "cpu"
+) -> DataConfig:
     """`config` for a fit of so many seconds: with less of a budget where preparation would leave the fit too little.
 
     Links that are in the cache cost nothing: a `config` that has some stays, unless they are to be rebuilt, and where
-    some are there that were made with a longer budget than there would be, theirs is taken.
+    some are there that were made with a longer budget than there would be, theirs is taken. Raises `SupervisionError`
+    where outlines by a network leave no time.
     """
-    share = FIT_SHARE * seconds
-    if share >= config.prepare_budget or (not rebuild and Keys(Inputs(clip, config, seed)).links.finished):
+    inputs = Inputs(clip, config, seed, rebuild, device=device)
+    keys = Keys(inputs)
+    outlines = Making(inputs, keys).seconds_of_outlines()
+    share = FIT_SHARE * seconds - outlines
+    if share <= 0:
+        enough = math.ceil((outlines + config.prepare_budget) / FIT_SHARE)
+        raise SupervisionError(
+            f"outlines of {len(clip)} frames by --masks {config.masks} take about {math.ceil(outlines)} of {seconds:g} "
+            f"seconds; give --time-budget {enough}s or longer for each window, a part, CLIP@A:B, or --masks auto"
+        )
+    if share >= config.prepare_budget or (not rebuild and keys.links.finished):
         return config
     shorter = config.model_copy(update={"prepare_budget": share})
     links = Keys(Inputs(clip, shorter, seed, rebuild)).links
@@ -106,5 +119,5 @@ def _check(inputs: Inputs, keys: Keys, making: Making) -> None:
         inputs.estimator.require(pairs_of((1,), len(inputs.clip)))
     if rebuild or not keys.links.finished or not keys.features.finished:
         _ = inputs.extractor
-    if keys.outlines and (rebuild or not keys.links.finished or not keys.motion.finished):
+    if making.outlines_wanted:
         _ = making.network

@@ -36,10 +36,8 @@ from decomotion.data.working import build_frames, working_clip, working_side
 
 PROBABILITY = "probability.npy"
 """In the folder of `links`, where it is found there: how likely points of the grid move, [frame, row, column]."""
-SCENE = 0.5
-"""What it costs to tell how frames differ from the scene, of what masks do."""
-OUTLINES = 2
-"""Times that outlines ask for it; silhouettes once."""
+SILHOUETTES = 0.5
+"""What they cost, of what masks do."""
 
 
 class Making:
@@ -86,6 +84,12 @@ class Making:
         masks = self.inputs.config.masks
         return Isnet(None if masks == ISNET else masks, self.inputs.device)
 
+    @property
+    def outlines_wanted(self) -> bool:
+        """Whether a network is to draw them, and has not yet."""
+        keys = self.keys
+        return keys.outlines and (self.inputs.rebuild or not keys.links.finished or not keys.motion.finished)
+
     def seconds_after_links(self, points: int) -> float:
         """What features, masks and structure will take here, about, by those of a frame with so many points."""
         inputs, frames = self.inputs, self.working.frames
@@ -96,11 +100,16 @@ class Making:
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if inputs.config.finds_masks:
-            seen = inputs.finds_masks_of_links + OUTLINES * self.keys.outlines
-            seconds += (1 + SCENE * seen) * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
-        if self.keys.outlines:
-            seconds += least_seconds(lambda: self.network(frames[0]))
+            more = 1 + SILHOUETTES if inputs.finds_masks_of_links else 1
+            seconds += more * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
         return len(frames) * seconds
+
+    def seconds_of_outlines(self) -> float:
+        """What outlines by a network will take here, about; on top of the budget, so that links are those of `auto`."""
+        if not self.outlines_wanted:
+            return 0.0
+        frames = self.working.frames
+        return len(frames) * least_seconds(lambda: self.network(frames[0]))
 
     def build_features(self, folder: Path) -> dict[str, Any]:
         """`features`."""
