@@ -480,7 +480,7 @@ class TestCache:
         settings = config(*quick, f"data.masks={network}")
         assert affordable(clip, settings, 600.0) is settings
         assert affordable(clip, settings, 200.0).prepare_budget == 0.75 * 200 - 40
-        with pytest.raises(SupervisionError, match=r"outlines of 8 frames .* about 40 of 50 seconds; give .* 294s"):
+        with pytest.raises(SupervisionError, match=r"about 40 seconds, too many for a fit of 50; give .* 294s"):
             affordable(clip, settings, 50.0)
         prepare(clip, config(*quick), progress=False)
         prepare(clip, settings, progress=False)
