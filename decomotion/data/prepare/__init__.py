@@ -95,9 +95,9 @@ def affordable(
     if share <= 0:
         enough = math.ceil((outlines + config.prepare_budget) / FIT_SHARE)
         raise SupervisionError(
-            f"outlines of {len(clip)} frames by --masks {config.masks} take about {math.ceil(outlines)} seconds, "
-            f"too many for a fit of {seconds:g}; give --time-budget {enough}s or longer for each window, a part, CLIP@A:B, or "
-            "--masks auto"
+            f"outlines of {len(clip)} frames by --masks {config.masks} take about {math.ceil(outlines)} seconds, too "
+            f"many for a fit of {seconds:g}; give --time-budget {enough}s or longer for each window, a part, CLIP@A:B, "
+            "or --masks auto"
         )
     if share >= config.prepare_budget or (not rebuild and keys.links.finished):
         return config
