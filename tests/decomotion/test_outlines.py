@@ -216,7 +216,7 @@ def test_outlines_are_the_network_s_but_for_a_bystander():
     targets = (points[:, None] + away[..., None, None] * speed[:, None]).astype(np.float32)
     links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, (144, 256))
     likely = moves.reshape(FRAMES, *grid).astype(np.float32)
-    masks = list(outlined(frames, likely, links, lambda picture: picture[..., 0] / np.float32(255), random))
+    masks = list(outlined(frames, likely, links, lambda red: np.where(red[..., 0] > 200, 0.6, 0.4), random))
     touches = [cv2.dilate(body.view(np.uint8), np.ones((3, 3), np.uint8))[bystander].any() for body in bodies]
     assert 1 < sum(touches) < FRAMES // 2
     for mask, body in zip(masks, bodies, strict=True):
