@@ -22,8 +22,8 @@ GREY = 128
 """What stands for the rest of a frame."""
 MARGIN = 16.0
 """Units of it that are searched around what moves."""
-TOLERANCE = 1.0
-"""Units by which a drawn outline may be off."""
+GIVEN_TOLERANCE, DRAWN_TOLERANCE = 1.0, 2.0
+"""Units by which an outline may be off that is given, and one that a network has drawn."""
 AT_HAND = 32
 """Frames whose masks are kept unpacked."""
 
@@ -34,9 +34,10 @@ class Layer:
     Args:
         masks: [H, W] each, one a frame, at any size.
         size: width and height of the raster.
+        tolerance: units by which their outlines may be off.
     """
 
-    def __init__(self, masks: Iterable[Mask], size: Size) -> None:
+    def __init__(self, masks: Iterable[Mask], size: Size, tolerance: float = GIVEN_TOLERANCE) -> None:
         width, height = self._size = size
         self._packed = [np.packbits(_brought_to(mask, size)) for mask in masks]
 
@@ -46,8 +47,8 @@ class Layer:
 
         self.mask = lru_cache(AT_HAND)(unpacked)
         """`mask(frame)`: [h, w], what moves."""
-        self.reach = lru_cache(AT_HAND)(lambda frame: _wider(unpacked(frame), TOLERANCE * unit(*size)))
-        """`reach(frame)`: [h, w], where it can lie, its outline being drawn by hand; everywhere where none is drawn."""
+        self.reach = lru_cache(AT_HAND)(lambda frame: _wider(unpacked(frame), tolerance * unit(*size)))
+        """`reach(frame)`: [h, w], where it can lie, its outline being a little off; everywhere where there is none."""
         self.part = lru_cache(AT_HAND)(self._part)
         """`part(i, j)`: rows and columns that are searched from frame i to j; None where one of them has nothing."""
 

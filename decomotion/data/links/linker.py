@@ -6,15 +6,17 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
+from decomotion.data.flow.interface import resized
 from decomotion.data.links import linking
 from decomotion.data.links.flow_store import FlowStore
-from decomotion.data.links.layer import Layer, Mask
+from decomotion.data.links.layer import DRAWN_TOLERANCE, Layer, Mask
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.own_flow import OwnFlow
 from decomotion.data.links.refinement import Refiner
@@ -22,6 +24,7 @@ from decomotion.data.positions import pack
 from decomotion.data.sampling import nearest, rescaled
 from decomotion.data.stages import write_array, write_whole
 from decomotion.memory import forget
+from decomotion.units import unit
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -29,6 +32,8 @@ LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
 """Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
+BLUR = 0.4
+"""Units, standard deviation: frames are blurred so before a point's looks are compared."""
 FOUND = "found.npy"
 """What was found to move, for an interrupted run: it has linked some of that anew."""
 
@@ -63,12 +68,24 @@ class Linker:
         self._rematching = linking.Rematching(matches, matches.intervals, refine) if matches.intervals else None
         self._longest = min(len(clip), max(intervals + matches.intervals))
 
-    def followed(self, layer: Layer, given: bool, progress: bool, folder: Path) -> linking.Moving:
-        """What is in a layer, with its own flow: given masks, or what was found, which can be wrong."""
-        every = None if given else self._flow
+    def given(self, layer: Layer, progress: bool, folder: Path) -> linking.Moving:
+        """What is in a layer of given masks, with its own flow."""
+        return linking.Moving(self._own(layer, None, progress, folder), layer.mask, layer.reach)
+
+    def found(self, layer: Layer, outlined: bool, progress: bool, folder: Path) -> linking.Moving:
+        """What is in a layer that was found, and may be wrong, with its own flow; if `outlined`, it ends there."""
+        reach, look = (layer.reach, self._look) if outlined else (None, None)
+        return linking.Moving(self._own(layer, self._flow, progress, folder), layer.mask, reach, look)
+
+    def _own(self, layer: Layer, every: FlowStore | None, progress: bool, folder: Path) -> OwnFlow:
         own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", every)
         own.compute(self._intervals, progress)
-        return linking.Moving(own, layer.mask, layer.reach if given else None)
+        return own
+
+    def _look(self, frame: int) -> npt.NDArray[np.uint8]:
+        """A frame [h, w, 3] on the raster of the flow, a little blurred."""
+        size = self._flow(0, 1).shape[1::-1]
+        return cv2.GaussianBlur(resized(self._working.frames[frame], size), (0, 0), BLUR * unit(*size)).astype(np.uint8)
 
     def run(
         self,
@@ -93,17 +110,21 @@ class Linker:
         targets: npt.NDArray[np.uint16],
         confidence: npt.NDArray[np.uint8],
         found: Callable[[], Iterable[Mask]],
+        outlined: bool,
         progress: bool,
         folder: Path,
     ) -> None:
-        """Links those points anew that are `found` to move, by their own flow too, after `run`."""
+        """Links those points anew that are `found` to move, by their own flow too, after `run`.
+
+        A point of what is `outlined` by a network is hidden where it would leave that for a place of other looks.
+        """
         if not (folder / FOUND).is_file():
             write_array(folder / FOUND, np.stack(list(found())))
         masks = np.load(folder / FOUND)
         if not masks.any():
             return
         sides, raster = (self._clip.height, self._clip.width), self._flow(0, 1).shape[:2]
-        moving = self.followed(Layer(masks, raster[::-1]), False, progress, folder)
+        moving = self.found(Layer(masks, raster[::-1], DRAWN_TOLERANCE), outlined, progress, folder)
         moves = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, points, strict=True)]
         some, frames = _padded(moves), np.arange(len(points))[:, None]
 

@@ -11,7 +11,7 @@ resolution; positions are in pixels of the flow's raster.
 
 Where no hop by flow ends on a visible place, a match by appearance may (`decomotion/data/links/matching.py`).
 What is known to move has a second way to go, the flow of it alone (`decomotion/data/links/layer.py`), and is hidden
-where a hop leaves masks that are given.
+where a hop leaves its masks: those that are given, or, for a place that looks otherwise, those that a network drew.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ Xy = npt.NDArray[np.float32]
 FlowLookup = Callable[[int, int], Flow]
 MatchLookup = Callable[[int, int], "Matches"]
 MaskLookup = Callable[[int], npt.NDArray[np.bool_]]
+LookLookup = Callable[[int], npt.NDArray[np.uint8]]
 _Which = slice | npt.NDArray[np.int64]
 RefineLookup = Callable[[int, int, Xy, Xy, tuple[int, ...]], Xy]
 
@@ -54,6 +55,8 @@ MOST = 0.7
 """Where more than this share of them has to be carried, all are, which saves gathering them."""
 BYTES_A_POINT = 13
 """Of a point of one source frame in one frame that was reached; they are kept for the longest gap."""
+UNLIKE = 12.0
+"""Grey levels, the mean of three channels, by which a place differs from a point that is not there."""
 OCCLUSION_COST = 10.0
 """Squared units that a hop onto a hidden place costs: any visible path is preferred up to this error."""
 
@@ -73,14 +76,16 @@ class Rematching:
 
 @dataclass(frozen=True)
 class Moving:
-    """What moves, where masks are given."""
+    """What moves."""
 
     flow: FlowLookup
     """`flow(i, j)` is the flow of it alone from frame i to frame j, [h, w, 2]."""
     mask: MaskLookup
     """`mask(i)`: [h, w], it in frame i."""
     reach: MaskLookup | None
-    """`reach(i)`: [h, w], where it can lie in frame i; None: anywhere."""
+    """`reach(i)`: [h, w], where it can lie in frame i, and is hidden elsewhere; None: anywhere."""
+    look: LookLookup | None = None
+    """`look(i)`: frame i, [h, w, 3]: out of reach a point is hidden only where that looks otherwise than it does."""
 
 
 @dataclass(frozen=True)
@@ -139,11 +144,19 @@ def link(
     reached: dict[int, _State] = {}
     moves = None if moving is None else [nearest(moving.mask(frame), xy) for frame, xy in enumerate(points)]
 
+    looks = []
+    if moving is not None and moving.look is not None:
+        looks = [np.round(bilinear(moving.look(frame), xy)).astype(np.uint8) for frame, xy in enumerate(points)]
+
     def bounds_of(start: _State, target: int) -> _Bounds | None:
         if moving is None or moves is None:
             return None
+        of_sources = np.stack([moves[source] for source in start.sources])
         reach = None if moving.reach is None else moving.reach(target)
-        return _Bounds(np.stack([moves[source] for source in start.sources]), reach)
+        if moving.look is None:
+            return _Bounds(of_sources, reach)
+        its_looks = np.stack([looks[source] for source in start.sources])
+        return _Bounds(of_sources, reach, _Looks(its_looks, moving.look(target)))
 
     for target in order:
         own = _State.of(target, points[target])
@@ -170,6 +183,21 @@ def link(
 
 
 @dataclass(frozen=True)
+class _Looks:
+    """How points look in their own frames, and a frame to which they are carried."""
+
+    of_points: npt.NDArray[np.uint8]
+    """[source, point, 3]."""
+    frame: npt.NDArray[np.uint8]
+    """[h, w, 3]."""
+
+    def differ(self, which: _Which, some: npt.NDArray[np.int64], there: Xy) -> npt.NDArray[np.bool_]:
+        """Of the points at flat indices, whether `some` of them look otherwise than the frame where they are now."""
+        its = self.of_points.reshape(-1, 3)[which][some].astype(np.float32)
+        return np.abs(its - bilinear(self.frame, there)).mean(axis=-1) > UNLIKE
+
+
+@dataclass(frozen=True)
 class _Bounds:
     """Where points can end in one frame."""
 
@@ -177,11 +205,19 @@ class _Bounds:
     """[source, point]: whether they move."""
     reach: npt.NDArray[np.bool_] | None
     """[h, w]: where what moves can lie; elsewhere it is gone."""
+    looks: _Looks | None = None
+    """Where it looks as the point does it is not gone, if this is known."""
 
     def gone(self, which: _Which, there: Xy) -> npt.NDArray[np.bool_]:
         """Whether points at flat indices are, at `there`."""
         moves = self.moves.reshape(-1)[which]
-        return np.zeros_like(moves) if self.reach is None else moves & ~nearest(self.reach, there)
+        if self.reach is None:
+            return np.zeros_like(moves)
+        gone = moves & ~nearest(self.reach, there)
+        outside_it = np.flatnonzero(gone)
+        if self.looks is not None and len(outside_it):
+            gone[outside_it] = self.looks.differ(which, outside_it, there[outside_it])
+        return gone
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,8 +44,16 @@ USUAL = 0.3
 
 Linked = tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8], tuple[int, int]]
 """Points, targets, confidence, and rows and columns of the grid, as in the pool."""
-Found = Callable[[Linked], Iterable[Mask]]
-"""What moves in each frame, [h, w], by links."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What moves, where that is not given."""
+
+    masks: Callable[[Linked], Iterable[Mask]]
+    """It in each frame, [h, w], by links."""
+    outlined: bool
+    """Whether a network has drawn its outlines."""
 
 
 def build_links(
@@ -94,7 +103,7 @@ def build_links(
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
     linker = Linker(clip, working, config, flows, intervals, matches)
-    moving = None if given is None else linker.followed(given, True, progress, folder)
+    moving = None if given is None else linker.given(given, progress, folder)
     give_back()
     computed = time.monotonic()
 
@@ -121,7 +130,7 @@ def build_links(
     linker.run(points, *linked, moving, progress, folder)
     if found is not None:
         rough = points, PackedPositions(linked[0], side), linked[1], grid
-        linker.run_again(points, *linked, partial(found, rough), progress, folder)
+        linker.run_again(points, *linked, partial(found.masks, rough), found.outlined, progress, folder)
     targets.flush()
     confidence.flush()
     for name in ("flow", "own", "matches"):

@@ -120,7 +120,7 @@ class Keys:
     def masks_of_links(self) -> str | None:
         """Which masks hold what flow follows by itself; None: it does not."""
         if self.inputs.finds_masks_of_links:
-            return "auto"
+            return self.masks
         return None if self.inputs.masks_of_links is None else self.inputs.masks_of_links.digest
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,13 @@ from decomotion.clip import Clip
 from decomotion.data.config import ISNET
 from decomotion.data.features.stage import build_feature_arrays
 from decomotion.data.links.filtering import build_filtered
-from decomotion.data.links.stage import Linked, build_links
+from decomotion.data.links.stage import Found, Linked, build_links
 from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.isnet import Isnet
 from decomotion.data.masks.links import Links
 from decomotion.data.masks.outlines import outlined
+from decomotion.data.masks.scene import wider
 from decomotion.data.masks.silhouette import Mask, silhouettes
 from decomotion.data.motion import build_motion
 from decomotion.data.pool import jittered_grid
@@ -33,11 +34,16 @@ from decomotion.data.stages import write_array
 from decomotion.data.structure.places import seconds_a_frame as seconds_to_place
 from decomotion.data.timing import least_seconds
 from decomotion.data.working import build_frames, working_clip, working_side
+from decomotion.units import unit
 
 PROBABILITY = "probability.npy"
 """In the folder of `links`, where it is found there: how likely points of the grid move, [frame, row, column]."""
-SILHOUETTES = 0.5
-"""What they cost, of what masks do."""
+OUTLINES = "outlines.npy"
+"""There as well, where a network draws them: what moves, [frame, H, W / 8], eight pixels a byte."""
+SCENE = 0.5
+"""What it costs to find how frames differ from the scene, of what masks do."""
+BESIDE = 2.0
+"""Units around outlines that have their own flow too: what lacks it costs links, what has too much does not."""
 
 
 class Making:
@@ -62,21 +68,33 @@ class Making:
         inputs, begin = self.inputs, time.monotonic()
         random = generator(inputs.seed, "points")
         wanted = (inputs.clip, self.working, inputs.config, inputs.count, self.seconds_after_links, random)
-        found = partial(self.silhouettes, folder) if inputs.finds_masks_of_links else None
+        found = Found(partial(self.moving, folder), self.keys.outlines) if inputs.finds_masks_of_links else None
         given = (inputs.tracks, inputs.estimator, self.keys.matcher, inputs.masks_of_links, found)
         return build_links(*wanted, *given, inputs.progress, folder, time.monotonic() - begin)
 
-    def silhouettes(self, folder: Path, linked: Linked) -> Iterator[Mask]:
-        """What moves in each frame, as the links tell; how likely points move is kept in the folder."""
-        frames, links = self.working.frames, Links(*linked, self.inputs.sides)
+    def moving(self, folder: Path, linked: Linked) -> Iterable[Mask]:
+        """What moves in each frame, for flow of its own.
+
+        How likely points move is kept in the folder, and so are outlines by a network.
+        """
         probability = self.found(linked)
         write_array(folder / PROBABILITY, probability)
+        if self.keys.outlines:
+            masks = self.outlined(probability, linked)
+            write_array(folder / OUTLINES, np.stack([np.packbits(mask, axis=-1) for mask in masks]))
+            return (wider(mask, round(BESIDE * unit(*mask.shape))) for mask in masks)
+        frames, links = self.working.frames, Links(*linked, self.inputs.sides)
         return silhouettes(frames, probability, links, generator(self.inputs.seed, "silhouettes"))
 
     def found(self, linked: Linked) -> npt.NDArray[np.float32]:
         """How likely each point of the grid moves, [frame, row, column]."""
         how = (self.inputs.sides, generator(self.inputs.seed, "masks"), self.inputs.progress)
         return moving_probability(self.working.frames, *linked, *how)
+
+    def outlined(self, probability: npt.NDArray[np.float32], linked: Linked) -> list[Mask]:
+        """Outlines, [H, W] each, of what is so likely to move, by the network."""
+        how = (self.network, generator(self.inputs.seed, "outlines"), self.inputs.progress)
+        return list(outlined(self.working.frames, probability, Links(*linked, self.inputs.sides), *how))
 
     @cached_property
     def network(self) -> Isnet:
@@ -87,8 +105,9 @@ class Making:
     @property
     def outlines_wanted(self) -> bool:
         """Whether a network is to draw them, and has not yet."""
-        keys = self.keys
-        return keys.outlines and (self.inputs.rebuild or not keys.links.finished or not keys.motion.finished)
+        keys, inputs = self.keys, self.inputs
+        drawn = keys.links.finished and (inputs.finds_masks_of_links or keys.motion.finished)
+        return keys.outlines and (inputs.rebuild or not drawn)
 
     def seconds_after_links(self, points: int) -> float:
         """What features, masks and structure will take here, about, by those of a frame with so many points."""
@@ -100,12 +119,12 @@ class Making:
             where = jittered_grid(1, *sides, points, generator(inputs.seed, "cost"))[0]
             seconds += least_seconds(lambda: sample_map(extractor(frames[0]), where, *sides))
         if inputs.config.finds_masks:
-            more = 1 + SILHOUETTES if inputs.finds_masks_of_links else 1
+            more = 1 + SCENE * (2 if self.keys.outlines else 1 if inputs.finds_masks_of_links else 0)
             seconds += more * seconds_a_frame(frames, points, generator(inputs.seed, "cost"))
         return len(frames) * seconds
 
     def seconds_of_outlines(self) -> float:
-        """What outlines by a network will take here, about; on top of the budget, so that links are those of `auto`."""
+        """What the network will take here, about: on top of the budget, so that it costs no links."""
         if not self.outlines_wanted:
             return 0.0
         frames = self.working.frames
@@ -137,10 +156,15 @@ class Making:
         elif inputs.config.finds_masks:
             probability = self.found(linked)
         if probability is not None and keys.outlines:
-            how = (self.network, generator(inputs.seed, "outlines"), inputs.progress)
-            masks = outlined(self.working.frames, probability, Links(*linked, inputs.sides), *how)
+            masks = self.kept_outlines() if inputs.finds_masks_of_links else self.outlined(probability, linked)
         random = generator(inputs.seed, "structure")
         return build_motion(inputs.sides, points, targets, confidence, masks, probability, random, folder)
+
+    def kept_outlines(self) -> Iterator[Mask]:
+        """Those of the stage `links`."""
+        width = self.working.width
+        packed = np.load(self.keys.links.folder / OUTLINES, mmap_mode="r")
+        return (np.unpackbits(each, axis=-1, count=width).astype(np.bool_) for each in packed)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""
