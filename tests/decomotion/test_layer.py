@@ -8,7 +8,7 @@ import pytest
 
 from decomotion import config
 from decomotion.data.flow import Flow, Frame, build_flow
-from decomotion.data.links.layer import GREY, Layer, Mask
+from decomotion.data.links.layer import DRAWN_TOLERANCE, GREY, Layer, Mask
 
 HEIGHT, WIDTH = 80, 128
 """A unit is half a pixel."""
@@ -91,13 +91,16 @@ def test_nothing_beyond_the_border_is_searched() -> None:
     assert layer.effort() == 18 * 36 / (HEIGHT * WIDTH)
 
 
-def test_what_moves_lies_within_a_unit_of_its_mask_and_anywhere_without_one() -> None:
+@pytest.mark.parametrize(("tolerance", "pixels"), [((), 2), ((DRAWN_TOLERANCE,), 4)])
+def test_what_moves_lies_as_near_its_mask_as_that_is_right_and_anywhere_without_one(
+    tolerance: tuple[float, ...], pixels: int
+) -> None:
     """On a raster of 512 pixels a unit is two."""
     masks = [np.zeros((288, 512), np.bool_) for _ in range(2)]
     masks[0][100, 200] = True
-    layer = Layer(masks, (512, 288))
+    layer = Layer(masks, (512, 288), *tolerance)
     y, x = np.mgrid[:288, :512]
-    np.testing.assert_array_equal(layer.reach(0), np.hypot(x - 200, y - 100) <= 2)
+    np.testing.assert_array_equal(layer.reach(0), np.hypot(x - 200, y - 100) <= pixels)
     np.testing.assert_array_equal(layer.mask(0), masks[0])
     assert layer.reach(1).all()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -316,6 +317,10 @@ class TestMoving:
         mask[:, left : left + 10 + 2 * margin] = True
         return mask
 
+    @staticmethod
+    def nowhere(_: int) -> np.ndarray:
+        return np.zeros((HEIGHT, WIDTH), np.bool_)
+
     def moving(self, speed: float) -> Moving:
         def alone(first: int, second: int) -> Flow:
             return np.broadcast_to(np.float32([speed * (second - first), 0]), (HEIGHT, WIDTH, 2)).astype(np.float32)
@@ -358,6 +363,37 @@ class TestMoving:
         for links in link(self.points(), self.still, (1, 2), THRESHOLD, 9, step, None, self.moving(20)):
             far = np.abs(links.target - links.sources) > 4
             assert links.occluded[far][:, 6:].all()
+            assert not links.occluded[:, :6].any()
+
+    @both_ways
+    @pytest.mark.parametrize(
+        ("brighter", "ends", "hidden"), [(0, True, False), (35, True, False), (37, True, True), (37, False, False)]
+    )
+    def test_but_for_a_place_that_looks_as_it_does(self, step: int, brighter: int, ends: bool, hidden: bool):
+        """Its masks reach nowhere, or what ends is not known. One channel of three is so much brighter above."""
+
+        def look(frame: int) -> np.ndarray:
+            image = np.full((HEIGHT, WIDTH, 3), 100, np.uint8)
+            image[:15, :, 1] += np.uint8(brighter * (frame % 2))
+            return image
+
+        moving = replace(self.moving(2), look=look, reach=self.nowhere if ends else None)
+        for links in link(self.points(), self.still, (1,), THRESHOLD, 1, step, None, moving):
+            assert (links.occluded[:, 6:] == (False, hidden)).all()
+            assert not links.occluded[:, :6].any()
+
+    @both_ways
+    def test_a_point_is_compared_as_it_looks_in_its_own_frame(self, step: int):
+        """Each frame is a little brighter than the last: over two hops, of which none is too much, it is."""
+
+        def look(frame: int) -> np.ndarray:
+            return np.full((HEIGHT, WIDTH, 3), 50 + 8 * frame, np.uint8)
+
+        moving = replace(self.moving(2), look=look, reach=self.nowhere)
+        for links in link(self.points(), self.still, (1,), THRESHOLD, 4, step, None, moving):
+            far = np.abs(links.target - links.sources) > 1
+            assert links.occluded[far][:, 6:].all()
+            assert not links.occluded[~far][:, 6:].any()
             assert not links.occluded[:, :6].any()
 
     @both_ways

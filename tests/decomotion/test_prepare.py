@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from decomotion.data.links.flow_store import pixels
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
 from decomotion.data.masks import isnet
+from decomotion.data.masks.scene import wider
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, making, prepare, prepare_in_stages
 from decomotion.data.stages import Record, Stage
@@ -153,31 +155,50 @@ class TestMasks:
         assert 0 < still_wrong.sum() < 0.8 * wrong.sum()
 
     @pytest.mark.parametrize("alone", [True, False])
-    def test_outlined_masks_go_with_the_links_of_auto(
+    def test_outlined_masks_are_drawn_once_and_what_they_hold_has_its_own_links(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, alone: bool
     ):
-        """Half as large as the clip."""
-        masks = np.zeros((FRAMES, HEIGHT // 2, WIDTH // 2), np.bool_)
+        width = WIDTH - 3
+        length, narrow = width / 256, dataclasses.replace(clip, frames=clip.frames[:, :, :width])
+        masks = np.zeros((FRAMES, HEIGHT, width), np.bool_)
         for frame, mask in enumerate(masks):
-            mask[4:12, 1 + frame : 8 + frame] = True
-        asked = []
+            mask[8:24, 3 + 2 * frame : 16 + 2 * frame] = True
+        asked, link, moves = [], linker.linking.link, []
 
         def outlined(frames: Any, probability: np.ndarray, *_: object) -> Any:
             asked.append((frames.shape, probability.shape))
             return iter(masks)
 
+        def noted(*arguments: Any) -> Any:
+            moves.append(arguments[-1])
+            return link(*arguments)
+
         monkeypatch.setattr(making, "outlined", outlined)
+        monkeypatch.setattr(linker.linking, "link", noted)
+        monkeypatch.setattr(making, "BESIDE", 2 / length)
+        monkeypatch.setattr(linker, "DRAWN_TOLERANCE", 5 / length)
         off = (f"data.flow.alone={json.dumps(alone)}", "data.features=none")
-        by_links = prepare(clip, config("data.masks=auto", *off), progress=False)
+        by_links = prepare(narrow, config("data.masks=auto", *off), progress=False)
         network = write_network(tmp_path / "network.onnx")
-        found = prepare(clip, config(f"data.masks={network}", *off), progress=False)
-        assert builds == ["links", "features", "motion", "motion"]
-        assert asked == [((FRAMES, HEIGHT, WIDTH, 3), (FRAMES, 13, 20))]
-        for frame, mask in enumerate(masks.repeat(2, 1).repeat(2, 2)):
+        found = prepare(narrow, config(f"data.masks={network}", *off), progress=False)
+        assert builds == ["links", "features", "motion", *["links"] * alone, "motion"]
+        assert asked == [((FRAMES, HEIGHT, width, 3), (FRAMES, 14, 18))]
+        for frame, mask in enumerate(masks):
             x, y = np.floor(found.points[frame] + 0.5).astype(int).T
-            inner = (np.abs(found.points[frame] % 2 - 0.5) < 0.9).all(axis=-1)  # else the nearest pixel is a draw
-            np.testing.assert_array_equal(found.moving[frame][inner], mask[y, x][inner])
+            np.testing.assert_array_equal(found.moving[frame], mask[y, x])
         assert (found.moving != by_links.moving).any()
+        if not alone:
+            assert moves == [None, None]
+            return
+        assert moves[:2] == moves[4:6] == [None, None]
+        by_links_move, outlined_move = moves[3], moves[7]
+        assert (by_links_move.reach, by_links_move.look) == (None, None)
+        for frame, mask in enumerate(masks):
+            away = cv2.distanceTransform((~outlined_move.mask(frame)).astype(np.uint8), cv2.DIST_L2, 0)
+            np.testing.assert_array_equal(outlined_move.mask(frame), wider(mask, 2))
+            np.testing.assert_array_equal(outlined_move.reach(frame), away <= 5)
+            sharp = cv2.GaussianBlur(narrow.frames[frame], (0, 0), linker.BLUR * length)
+            np.testing.assert_array_equal(outlined_move.look(frame), sharp)
 
     def test_without_weights_masks_are_those_of_links(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -198,11 +219,11 @@ class TestMasks:
         for bias in (0.0, 1.0, 1.0):
             write_network(file, bias=bias)
             prepare(clip, config(f"data.masks={file}", "data.features=none"), progress=False)
-        assert builds == ["links", "features", "motion", "motion"]
+        assert builds == ["links", "features", "motion", "links", "motion"]
         file.write_text("none")
         with pytest.raises(SupervisionError, match=r"network\.onnx is not an ONNX file of IS-Net"):
             prepare(clip, config(f"data.masks={file}", "data.features=none"), progress=False)
-        assert len(builds) == 4
+        assert len(builds) == 5
 
     def test_that_do_not_fit(self, clip: Clip, tmp_path: Path):
         with pytest.raises(SupervisionError, match="has 0 images but the clip has 8 frames"):
@@ -482,10 +503,28 @@ class TestCache:
         assert affordable(clip, settings, 200.0).prepare_budget == 0.75 * 200 - 40
         with pytest.raises(SupervisionError, match=r"about 40 seconds, too many for a fit of 50; give .* 294s"):
             affordable(clip, settings, 50.0)
-        prepare(clip, config(*quick), progress=False)
         prepare(clip, settings, progress=False)
-        assert builds == ["links", "features", "motion", "motion"]  # the links of auto
         assert affordable(clip, settings, 50.0) is settings
+
+    @pytest.mark.parametrize("alone", [True, False])
+    def test_outlines_that_are_there_take_no_time(
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, alone: bool
+    ):
+        """They are kept with links whose own flow follows them, and else with what moves."""
+        monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
+        network = write_network(tmp_path / "network.onnx")
+        settings = config("data.features=none", f"data.masks={network}", f"data.flow.alone={json.dumps(alone)}")
+        motion = prepare_in_stages(clip, settings, progress=False).stages[-1]
+        assert affordable(clip, settings, 50.0) is settings
+        shutil.rmtree(motion.folder)
+        if alone:
+            monkeypatch.setattr(making, "Isnet", lambda *_: pytest.fail("asked again"))
+            assert affordable(clip, settings, 50.0) is settings
+            prepare(clip, settings, progress=False)
+            assert builds == ["links", "features", "motion", "motion"]
+        else:
+            with pytest.raises(SupervisionError, match="about 40 seconds"):
+                affordable(clip, settings, 50.0)
 
     def test_finished_links_of_a_longer_budget_serve_a_shorter_one(self, builds: list[str], clip: Clip, few: None):
         settings = config("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
@@ -583,7 +622,7 @@ class TestCache:
             if number and expected == 1:
                 files[1].write_bytes(b"another")
 
-    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 176)])
+    @pytest.mark.parametrize(("masks", "seconds"), [("auto", 176), ("none", 56), ("isnet", 216)])
     def test_too_many_frames_for_the_time_are_refused_at_once(
         self,
         builds: list[str],
@@ -595,7 +634,7 @@ class TestCache:
     ):
         """8 frames: each has features in 5 seconds, masks in 10, silhouettes in 5 and structure in 2.
 
-        A network's outlines come on top."""
+        Outlines are compared with the scene twice; their network comes on top."""
         monkeypatch.setattr(isnet, "file_of", lambda _: write_network(tmp_path / "network.onnx"))
         monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
         monkeypatch.setattr(making, "seconds_to_place", lambda *_: 2.0)
@@ -706,13 +745,15 @@ class TestCache:
         square = on_square(plain.points, frame[:, None])
         assert right[1][square].mean() > right[0][square].mean() + 0.02
 
-    @pytest.mark.parametrize("calls", [3, 4])
+    @pytest.mark.parametrize(("calls", "masks"), [(3, "silhouettes"), (4, "silhouettes"), (4, "outlined")])
     def test_a_second_round_is_gone_on_with(
-        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, calls: int
+        self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, calls: int, masks: str, tmp_path: Path
     ):
         """Killed at its begin or half way, when some is linked anew: what moves is not looked for again."""
-        whole = prepare(clip, config("data.features=none"), progress=False)
-        expected = whole.targets[...], np.array(whole.confidence)
+        network = write_network(tmp_path / "network.onnx")
+        settings = config("data.features=none", *([f"data.masks={network}"] if masks == "outlined" else []))
+        whole = prepare(clip, settings, progress=False)
+        expected = whole.targets[...], np.array(whole.confidence), whole.moving
         shutil.rmtree(preparation.cache_root())
         link, begun = linker.linking.link, []
 
@@ -724,13 +765,14 @@ class TestCache:
 
         monkeypatch.setattr(linker.linking, "link", killed)
         with pytest.raises(KeyboardInterrupt):
-            prepare(clip, config("data.features=none"), progress=False)
-        monkeypatch.setattr(making, "silhouettes", lambda *_: pytest.fail("looked for again"))
-        pool = prepare(clip, config("data.features=none"), progress=False)
+            prepare(clip, settings, progress=False)
+        monkeypatch.setattr(making, masks, lambda *_: pytest.fail("looked for again"))
+        pool = prepare(clip, settings, progress=False)
         assert len(begun) == 5
         assert begun[2] == begun[3] < begun[0] == begun[1] == 260
         np.testing.assert_array_equal(pool.targets[...], expected[0])
         np.testing.assert_array_equal(pool.confidence, expected[1])
+        np.testing.assert_array_equal(pool.moving, expected[2])
 
     def test_fields_do_not_stay(self, builds: list[str], clip: Clip):
         prepare(clip, config(), progress=False)

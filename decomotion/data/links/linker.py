@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -13,10 +13,10 @@ from tqdm import tqdm
 
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
-from decomotion.data.flow.interface import resized
+from decomotion.data.flow.interface import Size, resized
 from decomotion.data.links import linking
 from decomotion.data.links.flow_store import FlowStore
-from decomotion.data.links.layer import DRAWN_TOLERANCE, Layer, Mask
+from decomotion.data.links.layer import AT_HAND, DRAWN_TOLERANCE, Layer, Mask
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.own_flow import OwnFlow
 from decomotion.data.links.refinement import Refiner
@@ -74,17 +74,19 @@ class Linker:
 
     def found(self, layer: Layer, outlined: bool, progress: bool, folder: Path) -> linking.Moving:
         """What is in a layer that was found, and may be wrong, with its own flow; if `outlined`, it ends there."""
-        reach, look = (layer.reach, self._look) if outlined else (None, None)
-        return linking.Moving(self._own(layer, self._flow, progress, folder), layer.mask, reach, look)
+        own = self._own(layer, self._flow, progress, folder)
+        if not outlined:
+            return linking.Moving(own, layer.mask, None)
+        look = lru_cache(AT_HAND)(partial(self._look, self._flow(0, 1).shape[1::-1]))
+        return linking.Moving(own, layer.mask, layer.reach, look)
 
     def _own(self, layer: Layer, every: FlowStore | None, progress: bool, folder: Path) -> OwnFlow:
         own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", every)
         own.compute(self._intervals, progress)
         return own
 
-    def _look(self, frame: int) -> npt.NDArray[np.uint8]:
-        """A frame [h, w, 3] on the raster of the flow, a little blurred."""
-        size = self._flow(0, 1).shape[1::-1]
+    def _look(self, size: Size, frame: int) -> npt.NDArray[np.uint8]:
+        """A frame [h, w, 3] brought to a raster, a little blurred."""
         return cv2.GaussianBlur(resized(self._working.frames[frame], size), (0, 0), BLUR * unit(*size)).astype(np.uint8)
 
     def run(

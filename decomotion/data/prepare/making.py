@@ -82,7 +82,7 @@ class Making:
         if self.keys.outlines:
             masks = self.outlined(probability, linked)
             write_array(folder / OUTLINES, np.stack([np.packbits(mask, axis=-1) for mask in masks]))
-            return (wider(mask, round(BESIDE * unit(*mask.shape))) for mask in masks)
+            return (wider(mask, round(BESIDE * unit(*mask.shape))) for mask in self.kept_outlines(folder))
         frames, links = self.working.frames, Links(*linked, self.inputs.sides)
         return silhouettes(frames, probability, links, generator(self.inputs.seed, "silhouettes"))
 
@@ -91,10 +91,15 @@ class Making:
         how = (self.inputs.sides, generator(self.inputs.seed, "masks"), self.inputs.progress)
         return moving_probability(self.working.frames, *linked, *how)
 
-    def outlined(self, probability: npt.NDArray[np.float32], linked: Linked) -> list[Mask]:
+    def outlined(self, probability: npt.NDArray[np.float32], linked: Linked) -> Iterator[Mask]:
         """Outlines, [H, W] each, of what is so likely to move, by the network."""
         how = (self.network, generator(self.inputs.seed, "outlines"), self.inputs.progress)
-        return list(outlined(self.working.frames, probability, Links(*linked, self.inputs.sides), *how))
+        return outlined(self.working.frames, probability, Links(*linked, self.inputs.sides), *how)
+
+    def kept_outlines(self, folder: Path) -> Iterator[Mask]:
+        """Those that are in the folder of `links`."""
+        packed = np.load(folder / OUTLINES, mmap_mode="r")
+        return (np.unpackbits(each, axis=-1, count=self.working.width).astype(np.bool_) for each in packed)
 
     @cached_property
     def network(self) -> Isnet:
@@ -156,15 +161,10 @@ class Making:
         elif inputs.config.finds_masks:
             probability = self.found(linked)
         if probability is not None and keys.outlines:
-            masks = self.kept_outlines() if inputs.finds_masks_of_links else self.outlined(probability, linked)
+            kept = inputs.finds_masks_of_links
+            masks = self.kept_outlines(keys.links.folder) if kept else self.outlined(probability, linked)
         random = generator(inputs.seed, "structure")
         return build_motion(inputs.sides, points, targets, confidence, masks, probability, random, folder)
-
-    def kept_outlines(self) -> Iterator[Mask]:
-        """Those of the stage `links`."""
-        width = self.working.width
-        packed = np.load(self.keys.links.folder / OUTLINES, mmap_mode="r")
-        return (np.unpackbits(each, axis=-1, count=width).astype(np.bool_) for each in packed)
 
     def linked(self) -> tuple[npt.NDArray[np.float32], PackedPositions, npt.NDArray[np.uint8]]:
         """Points, targets and confidence of the stage `links`."""
