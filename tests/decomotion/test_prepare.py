@@ -21,7 +21,7 @@ from decomotion.data import prepare as preparation
 from decomotion.data.config import DataConfig
 from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
-from decomotion.data.links import budget, costs, flow_store, keypoint_matching, linker
+from decomotion.data.links import budget, costs, flow_store, keypoint_matching, linker, own_flow
 from decomotion.data.links import stage as links_stage
 from decomotion.data.links.flow_store import pixels
 from decomotion.data.links.matching import MatchStore
@@ -197,7 +197,7 @@ class TestMasks:
             away = cv2.distanceTransform((~outlined_move.mask(frame)).astype(np.uint8), cv2.DIST_L2, 0)
             np.testing.assert_array_equal(outlined_move.mask(frame), wider(mask, 2))
             np.testing.assert_array_equal(outlined_move.reach(frame), away <= 5)
-            sharp = cv2.GaussianBlur(narrow.frames[frame], (0, 0), linker.BLUR * length)
+            sharp = cv2.GaussianBlur(narrow.frames[frame], (0, 0), own_flow.BLUR * length)
             np.testing.assert_array_equal(outlined_move.look(frame), sharp)
 
     def test_without_weights_masks_are_those_of_links(

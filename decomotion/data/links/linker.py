@@ -6,25 +6,22 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
 from decomotion.clip import Clip
 from decomotion.data.config import DataConfig
-from decomotion.data.flow.interface import Size, resized
 from decomotion.data.links import linking
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.layer import AT_HAND, DRAWN_TOLERANCE, Layer, Mask
 from decomotion.data.links.matching import MatchStore
-from decomotion.data.links.own_flow import OwnFlow
+from decomotion.data.links.own_flow import OwnFlow, looks
 from decomotion.data.links.refinement import Refiner
 from decomotion.data.positions import pack
 from decomotion.data.sampling import nearest, rescaled
 from decomotion.data.stages import write_array, write_whole
 from decomotion.memory import forget
-from decomotion.units import unit
 
 CONFIDENT_VARIANCE = 1.0
 """Accumulated squared error, units^2, at which the confidence is one half."""
@@ -32,8 +29,6 @@ LINKED = "linked"
 """How many of the parts of linking are done: an interrupted run goes on after them."""
 LINKED_AT_ONCE = 256 << 20
 """Bytes of the states of the points that are linked at a time; every further part reads the flows again."""
-BLUR = 0.4
-"""Units, standard deviation: frames are blurred so before a point's looks are compared."""
 FOUND = "found.npy"
 """What was found to move, for an interrupted run: it has linked some of that anew."""
 
@@ -77,17 +72,14 @@ class Linker:
         own = self._own(layer, self._flow, progress, folder)
         if not outlined:
             return linking.Moving(own, layer.mask, None)
-        look = lru_cache(AT_HAND)(partial(self._look, self._flow(0, 1).shape[1::-1]))
+        size = self._flow(0, 1).shape[1::-1]
+        look = lru_cache(AT_HAND)(lambda frame: looks(self._working.frames[frame], size))
         return linking.Moving(own, layer.mask, layer.reach, look)
 
     def _own(self, layer: Layer, every: FlowStore | None, progress: bool, folder: Path) -> OwnFlow:
         own = OwnFlow(self._working, self._flow.estimator, layer, folder / "own", every)
         own.compute(self._intervals, progress)
         return own
-
-    def _look(self, size: Size, frame: int) -> npt.NDArray[np.uint8]:
-        """A frame [h, w, 3] brought to a raster, a little blurred."""
-        return cv2.GaussianBlur(resized(self._working.frames[frame], size), (0, 0), BLUR * unit(*size)).astype(np.uint8)
 
     def run(
         self,

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from decomotion.clip import Clip
 from decomotion.data.flow import Flow, FlowEstimator, Frame
-from decomotion.data.flow.interface import resized
+from decomotion.data.flow.interface import Size, resized
 from decomotion.data.links.flow_store import each_of, pixels
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.layer import Layer
@@ -93,12 +93,16 @@ def likelier(frame: Frame, other: Frame, own: Flow, there: Flow, back: Flow) -> 
     It returns by `back` within `RETURNS` units, and the colours that it leads to are as near over `WINDOW` units.
     """
     size = own.shape[1::-1]
-    blurred = (cv2.GaussianBlur(resized(image, size), (0, 0), BLUR * unit(*size)) for image in (frame, other))
-    here, elsewhere = (image.astype(np.uint8) for image in blurred)
+    here, elsewhere = (looks(image, size) for image in (frame, other))
     nearer = _difference(here, elsewhere, own) < _difference(here, elsewhere, there)
     grid = pixels(*own.shape[:2])
     lost = cycle_error(grid, grid + there, back) > RETURNS * unit(*size)
     return np.where((nearer | lost)[..., None], own, there)
+
+
+def looks(frame: Frame, size: Size) -> Frame:
+    """A frame [H, W, 3] brought to the raster of the fields, of that width and height, its colours to be compared."""
+    return cv2.GaussianBlur(resized(frame, size), (0, 0), BLUR * unit(*size)).astype(np.uint8)
 
 
 def _difference(here: Frame, there: Frame, flow: Flow) -> npt.NDArray[np.float32]:
