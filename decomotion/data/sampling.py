@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +35,12 @@ def _read(image: npt.NDArray, xy: npt.NDArray[np.float32], how: int) -> npt.NDAr
     rows = np.ascontiguousarray(xy).reshape(-1, count, 2)
     values = cv2.remap(image, rows, None, how, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
     return values.reshape(*xy.shape[:-1], -1)
+
+
+@lru_cache(2)
+def pixels(height: int, width: int) -> npt.NDArray[np.float32]:
+    """(x, y) of each pixel of a raster, [h, w, 2], not to be written to."""
+    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
 def rescaled(xy: npt.NDArray[np.float32], sides: tuple[int, int], others: tuple[int, int]) -> npt.NDArray[np.float32]:

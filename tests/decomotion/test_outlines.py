@@ -6,8 +6,21 @@ import cv2
 import numpy as np
 import pytest
 
+from decomotion.data.masks import outlines
 from decomotion.data.masks.links import Links
-from decomotion.data.masks.outlines import DOUBT, RIM, SHARE, boxes, but_for_scene, heard, outline, outlined, stands_out
+from decomotion.data.masks.outlines import (
+    DOUBT,
+    RIM,
+    SHARE,
+    asked,
+    boxes,
+    but_for_scene,
+    everywhere,
+    heard,
+    outline,
+    outlined,
+    stands_out,
+)
 from decomotion.data.masks.scene import LEAST
 from decomotion.data.pool import jittered_grid
 
@@ -222,3 +235,56 @@ def test_outlines_are_the_network_s_but_for_a_bystander():
     for mask, body in zip(masks, bodies, strict=True):
         assert mask[body].mean() > 0.95
         assert (mask & ~body).sum() <= 4  # of a hundred of the bystander
+
+
+def moved(*, frames: int, sides: tuple[int, int] = (90, 160), speed: tuple[float, float] = (6.0, 2.0)) -> Links:
+    """Links of a coarse grid over which all moves at one speed, in pixels a frame; sides are not those of units."""
+    points = jittered_grid(frames, *sides, 9 * 16, np.random.default_rng(3))
+    away = np.arange(frames)[None] - np.arange(frames)[:, None]
+    targets = (points[:, None] + away[..., None, None] * np.float32(speed)).astype(np.float32)
+    return Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), (9, 16), sides)
+
+
+def blob(frame: int, sides: tuple[int, int] = (90, 160)) -> np.ndarray:
+    """What stands out at (40, 30) in frame 0 and goes with `moved`."""
+    x, y = np.meshgrid(np.arange(sides[1]), np.arange(sides[0]))
+    return np.exp(-((x - 40 - 6 * frame) ** 2 + (y - 30 - 2 * frame) ** 2) / 50).astype(np.float32)
+
+
+@pytest.mark.parametrize(("frames", "apart"), [(1, 1), (48, 1), (49, 2), (96, 2), (128, 3)])
+def test_the_network_is_asked_of_at_most_so_many_frames_evenly_spread(frames: int, apart: int):
+    assert list(asked(frames)) == list(range(0, frames, apart))
+
+
+@pytest.mark.parametrize("told", [(0, 2, 4), (0, 3, 5)])
+def test_frames_that_are_not_asked_have_what_their_neighbours_were_told_where_links_bring_it(told: tuple[int, ...]):
+    """Those after the last have it of that alone."""
+    found = list(everywhere({frame: blob(frame) for frame in told}, moved(frames=7)))
+    assert len(found) == 7
+    for frame, each in enumerate(found):
+        np.testing.assert_allclose(each, blob(frame), atol=0 if frame in told else 0.01)
+
+
+def test_the_nearer_neighbour_counts_more():
+    told = {0: np.zeros((90, 160), np.float32), 3: blob(3)}
+    found = list(everywhere(told, moved(frames=4)))
+    np.testing.assert_allclose(found[1], blob(1) / 3, atol=0.01)
+    np.testing.assert_allclose(found[2], blob(2) * 2 / 3, atol=0.01)
+
+
+def test_of_a_long_clip_the_network_is_asked_of_every_second_frame(monkeypatch: pytest.MonkeyPatch):
+    """Twice outlined, once asked."""
+    monkeypatch.setattr(outlines, "MOST", 4)
+    frames = np.full((7, 90, 160, 3), 90, np.uint8)
+    frames[np.arange(7), 40, 40] = np.arange(7)[:, None]  # tells them apart
+    seen: list[int] = []
+
+    def network(picture: np.ndarray) -> np.ndarray:
+        seen.append(int(picture[picture != 90].max(initial=0)))
+        return np.zeros(picture.shape[:2], np.float32)
+
+    likely = np.zeros((7, 9, 16), np.float32)
+    likely[:, 3:6, 3:6] = 1
+    masks = list(outlined(frames, likely, moved(frames=7, speed=(0, 0)), network, np.random.default_rng(0)))
+    assert len(masks) == 7
+    assert seen == [0, 2, 4, 6]

@@ -23,13 +23,13 @@ from decomotion.data.flow import Flow, Frame
 from decomotion.data.flow.dis import DisFlow
 from decomotion.data.links import budget, costs, flow_store, keypoint_matching, linker, own_flow
 from decomotion.data.links import stage as links_stage
-from decomotion.data.links.flow_store import pixels
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
-from decomotion.data.masks import isnet
+from decomotion.data.masks import isnet, outlines
 from decomotion.data.masks.scene import wider
 from decomotion.data.pool import UNKNOWN_MOTION, Pool
 from decomotion.data.prepare import affordable, making, prepare, prepare_in_stages
+from decomotion.data.sampling import pixels
 from decomotion.data.stages import Record, Stage
 from decomotion.data.working import build_frames
 from decomotion.errors import DownloadError, SupervisionError
@@ -494,8 +494,9 @@ class TestCache:
     def test_outlines_take_of_a_fit_s_time_not_of_the_links_budget(
         self, builds: list[str], clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ):
-        """8 frames of 5 seconds each."""
-        monkeypatch.setattr(making, "least_seconds", lambda _: 5.0)
+        """8 frames, of 4 of which the network is asked, which takes 10 seconds each."""
+        monkeypatch.setattr(outlines, "MOST", 4)
+        monkeypatch.setattr(making, "least_seconds", lambda _: 10.0)
         network = write_network(tmp_path / "network.onnx")
         quick = ("data.features=none", "data.flow.intervals=geometric", "data.prepare_budget=180")
         settings = config(*quick, f"data.masks={network}")

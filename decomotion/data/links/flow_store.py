@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,7 +34,7 @@ from decomotion.data.links.linking import cycle_error
 from decomotion.data.links.matcher import Matches
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.pair_files import Couple, PairFiles
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, pixels
 from decomotion.data.timing import least_seconds
 from decomotion.images import filled
 from decomotion.units import unit
@@ -193,12 +193,6 @@ def _errors(there: Flow, back: Flow) -> Flow:
 def _grid(flow: Flow) -> Flow:
     """The pixels of its raster, not to be written to."""
     return pixels(*flow.shape[:2])
-
-
-@lru_cache(2)
-def pixels(height: int, width: int) -> Flow:
-    """(x, y) of each pixel of a raster, [h, w, 2], not to be written to."""
-    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
 def _stops(first: int, second: int, gaps: Sequence[int]) -> list[int]:

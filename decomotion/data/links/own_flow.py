@@ -20,12 +20,12 @@ from tqdm import tqdm
 from decomotion.clip import Clip
 from decomotion.data.flow import Flow, FlowEstimator, Frame
 from decomotion.data.flow.interface import Size, resized
-from decomotion.data.links.flow_store import each_of, pixels
+from decomotion.data.links.flow_store import each_of
 from decomotion.data.links.intervals import couples_of
 from decomotion.data.links.layer import Layer
 from decomotion.data.links.linking import FlowLookup, cycle_error
 from decomotion.data.links.pair_files import Couple, PairFiles
-from decomotion.data.sampling import bilinear
+from decomotion.data.sampling import bilinear, pixels
 from decomotion.units import unit
 
 BLUR = 0.4

@@ -5,11 +5,15 @@ still. So what it outlines as one thing moves as one where a fair share of it is
 the scene that the frames around show. What is in the mask and far from all such things stays: the network does not see
 all that moves. A thing that moves in one part of the clip may stand in another: each point hears, along its links,
 what the frames around and far away found of it, and outlines are drawn once more.
+
+The network takes most of the time. Of a longer clip it is asked of every second or third frame; links bring to those
+between what their neighbours were told.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from bisect import bisect
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -21,7 +25,7 @@ from decomotion.data.masks.evidence import in_units
 from decomotion.data.masks.labelling import CARRIED, SMOOTHED, along_links, sigmoid
 from decomotion.data.masks.links import Links
 from decomotion.data.masks.scene import LEAST, differences
-from decomotion.data.sampling import nearest, rescaled
+from decomotion.data.sampling import bilinear, nearest, pixels, rescaled
 from decomotion.frames import AnyFrames
 from decomotion.units import unit
 
@@ -31,6 +35,8 @@ Mask = npt.NDArray[np.bool_]
 Network = Callable[[Picture], Floats]
 """How much each pixel [h, w] of a picture [h, w, 3] belongs to what stands out in it: `decomotion.data.masks.isnet`."""
 
+MOST = 48
+"""Frames of which the network is asked."""
 OUTLINED = 0.5
 """What stands out more than this is outlined."""
 PARTS = 2
@@ -69,11 +75,12 @@ def outlined(
         random: draws the links that the scene's motion is fitted to.
         progress: show a progress bar.
 
-    What stands out is asked of each frame once.
+    The network is asked once of each of the frames `asked`.
     """
     masks = rendered(probability, frames.shape[1:3])
-    shown = tqdm(frames, "outlines", disable=not progress, leave=False)
-    out = [stands_out(frame, mask, network) > OUTLINED for frame, mask in zip(shown, masks, strict=True)]
+    shown = tqdm(asked(len(frames)), "outlines", disable=not progress, leave=False)
+    told = {frame: stands_out(frames[frame], masks[frame], network) for frame in shown}
+    out = [each > OUTLINED for each in everywhere(told, links)]
     known = (frames, out, probability, links, random)
     masks = rendered(heard(probability, list(_drawn(masks, *known)), links), frames.shape[1:3])
     return _drawn(masks, *known)
@@ -105,6 +112,34 @@ def heard(probability: Floats, masks: Sequence[Mask], links: Links) -> Floats:
     told = np.nan_to_num(along_links(spins, links, around, doubt=1.0)).reshape(probability.shape)
     own = np.clip(probability, DOUBT, 1 - DOUBT)
     return sigmoid(np.log(own / (1 - own)) + HEARD * told)
+
+
+def asked(frames: int) -> range:
+    """Of which of so many frames the network is asked: evenly spread, at most `MOST`."""
+    return range(0, frames, -(-frames // MOST))
+
+
+def everywhere(told: Mapping[int, Floats], links: Links) -> Iterator[Floats]:
+    """What stands out [H, W] in each frame, by the first and some others that were `told`.
+
+    Between them links bring it from the frame before and the one after; the nearer counts more.
+    """
+    frames = sorted(told)
+    for frame in range(len(links)):
+        if frame in told:
+            yield told[frame]
+            continue
+        later = bisect(frames, frame)
+        near = frames[later - 1 : later + 1]
+        weights = [1 / abs(other - frame) for other in near]
+        yield np.average([_brought(told[other], frame, other, links) for other in near], axis=0, weights=weights)
+
+
+def _brought(values: Floats, frame: int, other: int, links: Links) -> Floats:
+    """`values` [H, W] of frame `other` where the pixels of `frame` lie in it, by the links around each."""
+    height, width = values.shape
+    moved = (links.target(frame, other) - links.points[frame]).reshape(*links.grid, 2) * np.float32(unit(height, width))
+    return bilinear(values, pixels(height, width) + cv2.resize(moved, (width, height)))[..., 0]
 
 
 def stands_out(frame: Picture, mask: Mask, network: Network) -> Floats:

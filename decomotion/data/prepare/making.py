@@ -21,7 +21,7 @@ from decomotion.data.masks.auto import moving_probability
 from decomotion.data.masks.cost import seconds_a_frame
 from decomotion.data.masks.isnet import Isnet
 from decomotion.data.masks.links import Links
-from decomotion.data.masks.outlines import outlined
+from decomotion.data.masks.outlines import asked, outlined
 from decomotion.data.masks.scene import wider
 from decomotion.data.masks.silhouette import Mask, silhouettes
 from decomotion.data.motion import build_motion
@@ -133,7 +133,7 @@ class Making:
         if not self.outlines_wanted:
             return 0.0
         frames = self.working.frames
-        return len(frames) * least_seconds(lambda: self.network(frames[0]))
+        return len(asked(len(frames))) * least_seconds(lambda: self.network(frames[0]))
 
     def build_features(self, folder: Path) -> dict[str, Any]:
         """`features`."""
