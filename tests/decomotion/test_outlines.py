@@ -251,7 +251,7 @@ def blob(frame: int, sides: tuple[int, int] = (90, 160)) -> np.ndarray:
     return np.exp(-((x - 40 - 6 * frame) ** 2 + (y - 30 - 2 * frame) ** 2) / 50).astype(np.float32)
 
 
-@pytest.mark.parametrize(("frames", "apart"), [(1, 1), (48, 1), (49, 2), (96, 2), (128, 3)])
+@pytest.mark.parametrize(("frames", "apart"), [(1, 1), (64, 1), (65, 2), (128, 2), (129, 3)])
 def test_the_network_is_asked_of_at_most_so_many_frames_evenly_spread(frames: int, apart: int):
     assert list(asked(frames)) == list(range(0, frames, apart))
 

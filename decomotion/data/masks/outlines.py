@@ -7,7 +7,7 @@ all that moves. A thing that moves in one part of the clip may stand in another:
 what the frames around and far away found of it, and outlines are drawn once more.
 
 The network takes most of the time. Of a longer clip it is asked of every second or third frame; links bring to those
-between what their neighbours were told.
+between what their neighbours were told, where fast limbs may be missed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Mask = npt.NDArray[np.bool_]
 Network = Callable[[Picture], Floats]
 """How much each pixel [h, w] of a picture [h, w, 3] belongs to what stands out in it: `decomotion.data.masks.isnet`."""
 
-MOST = 48
+MOST = 64
 """Frames of which the network is asked."""
 OUTLINED = 0.5
 """What stands out more than this is outlined."""
