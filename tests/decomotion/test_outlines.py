@@ -16,7 +16,7 @@ from decomotion.data.masks.outlines import (
     boxes,
     but_for_scene,
     everywhere,
-    heard,
+    voted,
     outline,
     outlined,
     stands_out,
@@ -166,7 +166,7 @@ class TestHeard:
         thing = tuple(slice(int(begin * scale), int(end * scale)) for begin, end in ((16, 40), (64, 96)))
         masks = [filled(thing, shape=tuple(int(side * scale) for side in self.SIDES)) for _ in range(FRAMES)]
         masks[4] = np.zeros_like(masks[4])
-        found = heard(np.full((FRAMES, *self.GRID), 0.2, np.float32), masks, self.links())
+        found = voted(np.full((FRAMES, *self.GRID), 0.2, np.float32), masks, self.links())
         assert found[:, 5:9, 17:23].min() > 0.9  # cells of 4x4
         outside = np.ones(self.GRID, np.bool_)
         outside[3:11, 15:25] = False
@@ -175,7 +175,7 @@ class TestHeard:
     def test_far_away_frames_are_heard(self):
         """In one half of a clip of 24 frames."""
         masks = [filled((slice(16, 40), slice(64, 96)), shape=self.SIDES)] * 3 + [filled(shape=self.SIDES)] * 7
-        found = heard(np.full((FRAMES, *self.GRID), 0.5, np.float32), masks, self.links())
+        found = voted(np.full((FRAMES, *self.GRID), 0.5, np.float32), masks, self.links())
         assert found[9, 6, 18] > found[9, 2, 2]
         np.testing.assert_allclose(found[9, 2, 2], found[9, 15, 30], atol=1e-3)
 
@@ -184,7 +184,7 @@ class TestHeard:
         probability = np.random.default_rng(1).uniform(0, 1, (FRAMES, *self.GRID)).astype(np.float32)
         masks = [filled((slice(16, 40), slice(64, 96)), shape=self.SIDES)] * FRAMES
         np.testing.assert_allclose(
-            heard(probability, masks, self.links(known=0)), np.clip(probability, DOUBT, 1 - DOUBT), atol=1e-5
+            voted(probability, masks, self.links(known=0)), np.clip(probability, DOUBT, 1 - DOUBT), atol=1e-5
         )
 
 

@@ -82,7 +82,7 @@ def outlined(
     told = {frame: stands_out(frames[frame], masks[frame], network) for frame in shown}
     out = [each > OUTLINED for each in everywhere(told, links)]
     known = (frames, out, probability, links, random)
-    masks = rendered(heard(probability, list(_drawn(masks, *known)), links), frames.shape[1:3])
+    masks = rendered(voted(probability, list(_drawn(masks, *known)), links), frames.shape[1:3])
     return _drawn(masks, *known)
 
 
@@ -103,7 +103,7 @@ def _drawn(
         yield but_for_scene(each, mask, different)
 
 
-def heard(probability: Floats, masks: Sequence[Mask], links: Links) -> Floats:
+def voted(probability: Floats, masks: Sequence[Mask], links: Links) -> Floats:
     """How likely points move, [frame, row, column], by their own `probability` and `masks` of other frames, [H, W]."""
     sides = in_units(masks[0].view(np.uint8)).shape[:2]
     at = [nearest(mask, rescaled(xy, sides, mask.shape)) for mask, xy in zip(masks, links.points, strict=True)]
