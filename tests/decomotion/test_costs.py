@@ -9,7 +9,7 @@ import pytest
 
 from decomotion.clip import Clip
 from decomotion.data.links import costs, linking
-from decomotion.data.links.costs import HopCosts, affordable_points, hop_costs, hops
+from decomotion.data.links.costs import HopCosts, affordable_points, hop_costs, hops, later_costs
 from decomotion.data.links.refinement import Refiner
 from tiny_fit import FRAMES, HEIGHT, WIDTH, sliding_square
 
@@ -45,6 +45,16 @@ def test_points_are_thinned_to_the_time() -> None:
     assert affordable_points(1000, each=0.1, seconds=50.05) == 500
     assert affordable_points(1000, each=0.1, seconds=-5.0) == 256
     assert affordable_points(100, each=0.1, seconds=1.0) == 100  # where no more are wanted
+
+
+def test_what_follows_costs_something_in_any_case_and_something_for_each_point() -> None:
+    later = later_costs(lambda points: 3 + 0.01 * points, 1000)
+    assert (later.fixed, later.each) == pytest.approx((3, 0.01))
+    assert later.of(500) == pytest.approx(8)
+    few = later_costs(lambda points: 3 + 0.01 * points, 100)
+    assert (few.fixed, few.each) == (4, 0)
+    dearer_at_first = later_costs(lambda points: 5 - 0.001 * points, 1000)
+    assert (dearer_at_first.fixed, dearer_at_first.each) == (pytest.approx(4.744), 0)
 
 
 @pytest.mark.parametrize("points", [100, 10**6])

@@ -16,10 +16,10 @@ from decomotion.data.masks.outlines import (
     boxes,
     but_for_scene,
     everywhere,
-    voted,
     outline,
     outlined,
     stands_out,
+    voted,
 )
 from decomotion.data.masks.scene import LEAST
 from decomotion.data.pool import jittered_grid

@@ -1,8 +1,8 @@
 """The budget of linking: at which gaps flow is computed, and how many points are linked, in the time there is.
 
 What preparation takes at the least is estimated before any long work, and a clip that is too long for its time is
-refused. Flow then has its share of the time, or what linking all points leaves; and points are thinned until linking
-fits into the rest.
+refused. Flow then has its share of the time, or what all points leave; and points are thinned until linking them, and
+what is done with them later, fits into the rest.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import logging
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,18 @@ log = logging.getLogger(__name__)
 TRIALS = 3
 """Of what a search for flow costs, for each that is made at a time."""
 FLOW_SHARE = 0.6
-"""Share of the time for flow and linking that flow may take where there is not enough for all points."""
+"""Share of the time for flow and points that flow may take where there is not enough for all points."""
 PATIENCE = 60.0
 """Seconds that preparation may take in any case: only longer work is refused."""
 
 
 def check_time(
-    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, rounds: float, after: Callable[[int], float]
+    clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, rounds: float, later: costs.LaterCosts
 ) -> costs.HopCosts:
     """What carrying points costs that are linked so many times, in the mean.
 
     Raises `SupervisionError` where preparation takes longer than its budget even with flow between neighbours alone
-    and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted. What follows the links takes `after(points)`.
+    and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted. What follows the links costs `later`.
     """
     frames, points = len(clip), min(wanted, costs.MIN_POINTS)
     hop = costs.hop_costs(clip, kept(clip.height, clip.width, config.flow.field_side), wanted).times(rounds)
@@ -49,7 +49,7 @@ def check_time(
         "flow between neighbours": flows.seconds(count_fields((1,), frames)),
         f"links of {points} points a frame": points
         * hop.of_a_point(frames, (1,), flows.matches.intervals, config.pool.max_gap),
-        "features, masks and structure": after(points),
+        "features, masks and structure": later.of(points),
     }
     least = math.ceil(sum(parts.values()))
     if least > max(config.prepare_budget, PATIENCE):
@@ -69,36 +69,37 @@ def scheduled(
     flows: FlowStore,
     wanted: int,
     hop: costs.HopCosts | None,
+    later: costs.LaterCosts,
     seconds: float,
     file: Path,
 ) -> dict[str, Any]:
     """The gaps at which flow is computed, what a search for it costs, and how many points of each frame are linked.
 
     From `file` where an earlier run has chosen already. The cost is that of the first few fields, which are kept.
-    Between neighbours a second search may follow. `hop` is what carrying points costs; None: neither gaps nor points
-    are thinned for their cost. `seconds` are left for flow and linking: gaps `geometric` and `all` depend on them, and
-    so do the points then, of which there are at most `wanted`.
+    Between neighbours a second search may follow. `hop` is what carrying points costs, `later` what follows; None:
+    neither gaps nor points are thinned for their cost. `seconds` are left for all of that: gaps `geometric` and `all`
+    depend on them, and so do the points then, of which there are at most `wanted`.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
     shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
     flows.compute((1,), progress=False, only=slice(TRIALS * at_once(flows.estimator)))
     cost = flows.seconds_a_search()
-    frames, max_gap = len(clip), config.pool.max_gap
+    frames, max_gap, spare = len(clip), config.pool.max_gap, seconds - later.fixed
 
     def flow(gaps: tuple[int, ...]) -> float:
         return cost * sum(flows.effort(gap) * count_fields((gap,), frames) for gap in gaps)
 
     def each(gaps: tuple[int, ...]) -> float:
-        return 0.0 if hop is None else hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
+        return 0.0 if hop is None else later.each + hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
 
     def affordable(gaps: tuple[int, ...]) -> bool:
-        return flow(gaps) <= max(FLOW_SHARE * seconds, seconds - wanted * each(gaps))
+        return flow(gaps) <= max(FLOW_SHARE * spare, spare - wanted * each(gaps))
 
     intervals = choose_intervals(config.flow, frames, max_gap, affordable)
     points = wanted
     if hop is not None:
-        points = costs.affordable_points(wanted, each(intervals), seconds - flow(intervals))
+        points = costs.affordable_points(wanted, each(intervals), spare - flow(intervals))
     thinned = what_is_thinned(config, frames, intervals, points, wanted)
     if thinned is not None:
         log.warning("%s; for all, give a longer --prepare-budget or --time-budget", thinned)

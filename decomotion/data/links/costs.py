@@ -1,4 +1,4 @@
-"""What linking costs on this machine, and how many points are affordable.
+"""What linking costs on this machine, and what follows it, and how many points are affordable.
 
 A point is carried from frame to frame by flow, and found again by matches where flow is lost: a hop of each kind has
 its own cost. Both are measured on a few frames of the clip, with as many points at a time as there will be.
@@ -6,6 +6,7 @@ its own cost. Both are measured on a few frames of the clip, with as many points
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,28 @@ class HopCosts:
     def of_a_point(self, frames: int, gaps: tuple[int, ...], matched: tuple[int, ...], max_gap: int) -> float:
         """Seconds in which one point of every frame is linked to every other, by flow over `gaps` and by matches."""
         return self.flow * hops(frames, gaps, max_gap) + self.match * hops(frames, matched, max_gap)
+
+
+@dataclass(frozen=True)
+class LaterCosts:
+    """Seconds that what follows the links takes."""
+
+    fixed: float
+    """However many points are linked."""
+    each: float
+    """For each point of a frame."""
+
+    def of(self, points: int) -> float:
+        """For so many points of a frame."""
+        return self.fixed + points * self.each
+
+
+def later_costs(seconds: Callable[[int], float], wanted: int) -> LaterCosts:
+    """By what `seconds` says of the fewest points and of all that are wanted."""
+    fewest = min(wanted, MIN_POINTS)
+    few = seconds(fewest)
+    each = 0.0 if wanted == fewest else max(0.0, seconds(wanted) - few) / (wanted - fewest)
+    return LaterCosts(max(0.0, few - fewest * each), each)
 
 
 def hop_costs(clip: Clip, raster: Size, points: int) -> HopCosts:

@@ -25,6 +25,7 @@ from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
 from decomotion.data.flow.interface import kept
 from decomotion.data.links.budget import check_time, scheduled
+from decomotion.data.links.costs import LaterCosts, later_costs
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.layer import Layer, Mask
@@ -89,16 +90,16 @@ def build_links(
     given = None if masks is None else Layer(masks, raster)
     beside = given.effort() if given is not None else 0.0 if found is None else USUAL
     flows = FlowStore(working, estimator, matches, folder / "flow", beside)
-    after, hop = 0.0, None
+    later, hop = LaterCosts(0.0, 0.0), None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
-        hop = check_time(working, config, flows, wanted, 1.0 if found is None else 1.0 + USUAL, seconds_after)
-        after = seconds_after(wanted)
+        later = later_costs(seconds_after, wanted)
+        hop = check_time(working, config, flows, wanted, 1.0 if found is None else 1.0 + USUAL, later)
     estimated = time.monotonic()
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
-    left = config.prepare_budget - spent - (matched - begin) - after
-    schedule = scheduled(working, config, flows, wanted, hop, left, folder / SCHEDULE)
+    left = config.prepare_budget - spent - (matched - begin)
+    schedule = scheduled(working, config, flows, wanted, hop, later, left, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
