@@ -149,7 +149,7 @@ class TestWithoutTheScene:
 FRAMES = 10
 
 
-class TestHeard:
+class TestVoted:
     """Points of a scene that stands still, in frames of 72x128, of which masks are read at 144x256 and at 36x64."""
 
     GRID = (18, 32)
@@ -190,12 +190,12 @@ class TestHeard:
 
 def test_what_stands_for_a_while_is_the_same_thing():
     """A red thing that by its links moves in the first frames only; in the last it has the corners of the grid."""
-    thing, grid = filled((slice(20, 36), slice(40, 60)), shape=TestHeard.SIDES), (36, 64)
-    frames = np.full((FRAMES, *TestHeard.SIDES, 3), 90, np.uint8)
+    thing, grid = filled((slice(20, 36), slice(40, 60)), shape=TestVoted.SIDES), (36, 64)
+    frames = np.full((FRAMES, *TestVoted.SIDES, 3), 90, np.uint8)
     frames[:, thing] = (255, 60, 60)
-    points = jittered_grid(FRAMES, *TestHeard.SIDES, 36 * 64, np.random.default_rng(4))
+    points = jittered_grid(FRAMES, *TestVoted.SIDES, 36 * 64, np.random.default_rng(4))
     targets = np.broadcast_to(points[:, None], (FRAMES, FRAMES, *points.shape[1:])).copy()
-    links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, TestHeard.SIDES)
+    links = Links(points, targets, np.full(targets.shape[:3], 255, np.uint8), grid, TestVoted.SIDES)
     likely = np.zeros((FRAMES, *grid), np.float32)
     likely[: FRAMES - 2, 10:18, 20:30] = 1
     random = np.random.default_rng(0)

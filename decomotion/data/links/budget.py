@@ -76,9 +76,9 @@ def scheduled(
     """The gaps at which flow is computed, what a search for it costs, and how many points of each frame are linked.
 
     From `file` where an earlier run has chosen already. The cost is that of the first few fields, which are kept.
-    Between neighbours a second search may follow. `hop` is what carrying points costs, `later` what follows; None:
-    neither gaps nor points are thinned for their cost. `seconds` are left for all of that: gaps `geometric` and `all`
-    depend on them, and so do the points then, of which there are at most `wanted`.
+    Between neighbours a second search may follow. `later` is what follows the links, `hop` what carrying points costs;
+    without it neither gaps nor points are thinned for their cost. `seconds` are left for all of that: gaps `geometric`
+    and `all` depend on them, and so do the points then, of which there are at most `wanted`.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
