@@ -4,19 +4,26 @@
         --object-masks ../shared/data/davis32_dev_mask.npz --out benchmarks/results/baselines
     python benchmarks/baselines.py ../shared/data/tapvid_davis32_dev.pkl --methods linked \
         --set 'data.flow.intervals=[1,2,4]' --out benchmarks/results/gaps-up-to-4
+    python benchmarks/baselines.py ../shared/data/tapvid_davis32_dev.pkl --methods prepared \
+        --set 'data.flow.intervals=[1,2,4,8]' --out benchmarks/results/prepared
 
 `eval/decomo_eval/baselines.py` has the methods and their occlusion rules. Rows are named `<row>-<flow>`, by `ROWS`.
+`prepared` asks the very links that a fit learns from, with their matches and own flow (`harness/prepared.py`).
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from decomo_eval.baselines import Fields, track
+from decomo_eval.dataset import Video
+from decomo_eval.predictions import Prediction
+from decomo_eval.tapvid import Queries
 from decomotion import config as configuration
 from decomotion.console import run
 from decomotion.data.config import DataConfig
@@ -24,10 +31,13 @@ from decomotion.data.flow import build_flow
 from decomotion.data.flow.config import ESTIMATORS
 from decomotion.device import choose_device
 from harness.clips import read_clips
+from harness.prepared import led, prepared_links
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
 
 ROWS = {"chained": "chain", "direct": "direct", "linked": "multi"}
 """How the records name the methods of `decomo_eval.baselines`."""
+PREPARED = "prepared"
+"""The links of a fit."""
 
 
 @click.command(context_settings={"show_default": True})
@@ -52,7 +62,7 @@ def main(
     out: Path,
 ) -> None:
     """Track the queries of DATASET by flow alone: a TAP-Vid pickle, or the word `procedural`."""
-    for kind, given, known in (("method", methods, ROWS), ("flow", flows, ESTIMATORS)):
+    for kind, given, known in (("method", methods, (*ROWS, PREPARED)), ("flow", flows, ESTIMATORS)):
         for name in given.split(","):
             if name not in known:
                 raise click.UsageError(f"there is no {kind} {name}; choose of {', '.join(known)}")
@@ -71,7 +81,7 @@ def main(
             for method, path in left.items():
                 about = {"row": path.parent.name, "clip": name, **facts, "dataset": Path(dataset).name, **provenance()}
                 begin = time.monotonic()
-                scores = score_clip(clip, lambda queries, f=fields, m=ROWS[method], c=config: track(m, queries, f, c))
+                scores = score_clip(clip, tracker(method, clip.video, fields, config))
                 seconds = round(time.monotonic() - begin, 1)  # fields that an earlier method used are there already
                 write_record(path, {**about, "stages": {"track": {"seconds": seconds}}, **scores})
                 strided = scores["metrics"]["strided"]
@@ -79,6 +89,14 @@ def main(
                     f"{path.parent.name} {name}: AJ {strided['average_jaccard']:.3f}, "
                     f"delta {strided['average_pts_within_thresh']:.3f}"
                 )
+
+
+def tracker(method: str, video: Video, fields: Fields, config: DataConfig) -> Callable[[Queries], Prediction]:
+    """One of `ROWS` by `fields`, or `PREPARED`, for whose links preparation makes fields of its own."""
+    if method != PREPARED:
+        return lambda queries: track(ROWS[method], queries, fields, config)
+    pool = prepared_links(video, config)
+    return lambda queries: led(queries, pool, video.width, video.height)
 
 
 if __name__ == "__main__":

@@ -142,12 +142,22 @@ def test_baselines_then_tables_and_plots(dataset: list[str], tmp_path: Path, cap
     assert capsys.readouterr().out == ""
     assert run(baselines.main, [*dataset, "--set", "data.flow.upsample=1", "--out", str(out)]) == 2
     assert "made with another overrides and config" in capsys.readouterr().err
+    assert (
+        run(
+            baselines.main,
+            [*dataset, "--methods", "prepared", "--set", "data.pool.points_per_frame=500", "--out", str(out)],
+        )
+        == 0
+    )
+    assert capsys.readouterr().out.startswith("prepared-dis sliding: AJ 0.")
 
     baseline = ["--baseline", str(out / "chained-dis")]
     assert run(table.main, [str(out), *baseline]) == 0
     head, rule, *rows = capsys.readouterr().out.splitlines()
     assert {line.count("|") for line in (head, rule, *rows)} == {head.count("|")}
-    assert [row.split(" | ")[0] for row in rows] == ["| chained-dis", "| direct-dis", "| linked-dis"]
+    assert [row.split(" | ")[0] for row in rows] == [
+        f"| {row}-dis" for row in ("chained", "direct", "linked", "prepared")
+    ]
     assert rows[0].endswith("| +0.0 | +0.0 | sliding, +0.0 |")
     assert run(table.main, [str(out / "chained-dis"), "--by", "clip", *baseline]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -15,7 +15,7 @@ from decomotion.config import load
 from decomotion.data.config import DataConfig
 from decomotion.data.links import budget, flow_store, sift_matching
 from decomotion.data.links.budget import check_time, scheduled, what_is_thinned
-from decomotion.data.links.costs import HopCosts, LaterCosts
+from decomotion.data.links.costs import Costs, HopCosts, LaterCosts
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.matching import MatchStore
 from decomotion.data.links.sift_matching import SiftMatcher
@@ -83,8 +83,7 @@ def flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Flows:
 def test_all_parts_count(flows: Flows) -> None:
     """Matching 10, 14 fields of 2 seconds 28, features, masks and structure 20; and a point of every frame has 56 hops
     by flow and 20 by matches: 0.106 seconds, 256 of them 27.1. Altogether 86 seconds."""
-    hop = check_time(CLIP, settings(86.0), flows, 500, 1.0, LATER)
-    assert hop == DEAR
+    assert check_time(CLIP, settings(86.0), flows, 500, 1.0, LATER) == Costs(DEAR, LATER)
     sentence = (
         "8 frames are too many for the time that there is: to prepare them takes at least 86 seconds (matching 10, "
         "flow between neighbours 28, links of 256 points a frame 27, features, masks and structure 20), and there are "
@@ -98,7 +97,7 @@ def test_all_parts_count(flows: Flows) -> None:
 
 def test_what_is_linked_again_counts(flows: Flows) -> None:
     """A third of the points: 36 seconds for 27."""
-    hop = check_time(CLIP, settings(96.0), flows, 500, 4 / 3, LATER)
+    hop = check_time(CLIP, settings(96.0), flows, 500, 4 / 3, LATER).hop
     assert (hop.flow, hop.match) == pytest.approx((DEAR.flow * 4 / 3, DEAR.match * 4 / 3))
     with pytest.raises(
         SupervisionError, match=r"at least 95 seconds .* points a frame 36, features, masks and structure 20"
@@ -128,7 +127,7 @@ def test_what_takes_a_minute_is_not_refused(flows: Flows, monkeypatch: pytest.Mo
 def test_flow_has_its_share_and_points_fit_into_the_rest(
     flows: Flows, seconds: float, gaps: list[int], points: int, caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
-    chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, NOTHING, seconds, tmp_path / "schedule.json")
+    chosen = scheduled(CLIP, settings(180.0), flows, 500, Costs(DEAR, NOTHING), seconds, tmp_path / "schedule.json")
     assert chosen == {"intervals": gaps, "seconds_per_search": 2.0, "points": points, "thinned": points < 500}
     fewer = "" if len(gaps) == 3 else f"flow at gaps {', '.join(map(str, gaps))} of 1, 2, 4 and "
     told = f"{fewer}{points} of 500 points a frame: budget; for all, give a longer --prepare-budget or --time-budget"
@@ -143,7 +142,7 @@ def test_fewer_points_take_less_time_later(
 ) -> None:
     """As above, with ten seconds less; and of a point another 0.042 beside 0.168, or 0.148 with gaps 1 and 2."""
     later = LaterCosts(10.0, 0.042)
-    chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, later, seconds, tmp_path / "schedule.json")
+    chosen = scheduled(CLIP, settings(180.0), flows, 500, Costs(DEAR, later), seconds, tmp_path / "schedule.json")
     assert (chosen["intervals"], chosen["points"]) == (gaps, points)
 
 
@@ -161,7 +160,7 @@ def test_what_is_thinned_is_a_line() -> None:
 
 def test_a_list_has_all_the_time_it_takes(flows: Flows, caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
     config = settings(1.0, "data.flow.intervals=[1,3]")
-    chosen = scheduled(CLIP, config, flows, 500, None, NOTHING, -1.0, tmp_path / "schedule.json")
+    chosen = scheduled(CLIP, config, flows, 500, None, -1.0, tmp_path / "schedule.json")
     assert (chosen["intervals"], chosen["points"], chosen["thinned"]) == ([1, 3], 500, False)
     assert not caplog.text
 
@@ -172,7 +171,7 @@ def test_what_linking_all_points_leaves_is_flow_s(
 ) -> None:
     """Of all points, with gaps 1 2 4 and 118 hops by flow, 5.9 seconds beside flow's 68; with 1 2, 4.9 beside 52."""
     cheap = HopCosts(flow=0.0001, match=0.0)
-    chosen = scheduled(CLIP, settings(180.0), flows, 500, cheap, NOTHING, seconds, tmp_path / "schedule.json")
+    chosen = scheduled(CLIP, settings(180.0), flows, 500, Costs(cheap, NOTHING), seconds, tmp_path / "schedule.json")
     assert (chosen["intervals"], chosen["points"], chosen["thinned"]) == (gaps, 500, gaps != [1, 2, 4])
 
 
@@ -181,7 +180,7 @@ def test_fields_cost_what_their_gap_does(flows: Flows, monkeypatch: pytest.Monke
     monkeypatch.setattr(Estimator, "effort", lambda _, gap: 0.5 if gap == 4 else 1.0)
     for number, (seconds, gaps) in enumerate([(100.1, [1, 2, 4]), (99.9, [1, 2])]):
         file = tmp_path / f"{number}.json"
-        assert scheduled(CLIP, settings(180.0), flows, 500, DEAR, NOTHING, seconds, file)["intervals"] == gaps
+        assert scheduled(CLIP, settings(180.0), flows, 500, Costs(DEAR, NOTHING), seconds, file)["intervals"] == gaps
     flows.estimator.guided = True
     flows.matches.gaps = [1, 4]
     assert [flows.effort(gap) for gap in (1, 2, 4)] == [2.0, 1.0, 0.5]
@@ -189,9 +188,9 @@ def test_fields_cost_what_their_gap_does(flows: Flows, monkeypatch: pytest.Monke
 
 def test_what_was_chosen_stays(flows: Flows, tmp_path: Path) -> None:
     file = tmp_path / "schedule.json"
-    chosen = scheduled(CLIP, settings(180.0), flows, 500, DEAR, NOTHING, 113.2, file)
+    chosen = scheduled(CLIP, settings(180.0), flows, 500, Costs(DEAR, NOTHING), 113.2, file)
     assert json.loads(file.read_text()) == chosen
-    assert scheduled(CLIP, settings(180.0), flows, 500, None, NOTHING, 1e6, file) == chosen
+    assert scheduled(CLIP, settings(180.0), flows, 500, None, 1e6, file) == chosen
 
 
 class TestOfParts:

@@ -36,11 +36,11 @@ PATIENCE = 60.0
 
 def check_time(
     clip: Clip, config: DataConfig, flows: FlowStore, wanted: int, rounds: float, later: costs.LaterCosts
-) -> costs.HopCosts:
-    """What carrying points costs that are linked so many times, in the mean.
+) -> costs.Costs:
+    """What points cost that are linked so many times, in the mean, and what follows the links `later`.
 
     Raises `SupervisionError` where preparation takes longer than its budget even with flow between neighbours alone
-    and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted. What follows the links costs `later`.
+    and `costs.MIN_POINTS` points a frame, of which `wanted` are wanted.
     """
     frames, points = len(clip), min(wanted, costs.MIN_POINTS)
     hop = costs.hop_costs(clip, kept(clip.height, clip.width, config.flow.field_side), wanted).times(rounds)
@@ -60,7 +60,7 @@ def check_time(
             f"decomo-train also --time-budget {math.ceil(least / FIT_SHARE)}s or longer for each window, or a part, "
             "CLIP@A:B"
         )
-    return hop
+    return costs.Costs(hop, later)
 
 
 def scheduled(
@@ -68,37 +68,37 @@ def scheduled(
     config: DataConfig,
     flows: FlowStore,
     wanted: int,
-    hop: costs.HopCosts | None,
-    later: costs.LaterCosts,
+    price: costs.Costs | None,
     seconds: float,
     file: Path,
 ) -> dict[str, Any]:
     """The gaps at which flow is computed, what a search for it costs, and how many points of each frame are linked.
 
     From `file` where an earlier run has chosen already. The cost is that of the first few fields, which are kept.
-    Between neighbours a second search may follow. `later` is what follows the links, `hop` what carrying points costs;
-    without it neither gaps nor points are thinned for their cost. `seconds` are left for all of that: gaps `geometric`
-    and `all` depend on them, and so do the points then, of which there are at most `wanted`.
+    Between neighbours a second search may follow. `price` is what points cost and what follows them; without it
+    neither gaps nor points are thinned. `seconds` are left for all of that: gaps `geometric` and `all` depend on them,
+    and so do the points then, of which there are at most `wanted`.
     """
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
     shutil.rmtree(flows.folder, ignore_errors=True)  # of trials that were stopped: what is there costs nothing
     flows.compute((1,), progress=False, only=slice(TRIALS * at_once(flows.estimator)))
     cost = flows.seconds_a_search()
-    frames, max_gap, spare = len(clip), config.pool.max_gap, seconds - later.fixed
+    frames, max_gap = len(clip), config.pool.max_gap
+    spare = seconds if price is None else seconds - price.later.fixed
 
     def flow(gaps: tuple[int, ...]) -> float:
         return cost * sum(flows.effort(gap) * count_fields((gap,), frames) for gap in gaps)
 
     def each(gaps: tuple[int, ...]) -> float:
-        return 0.0 if hop is None else later.each + hop.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
+        return 0.0 if price is None else price.of_a_point(frames, gaps, flows.matches.intervals, max_gap)
 
     def affordable(gaps: tuple[int, ...]) -> bool:
         return flow(gaps) <= max(FLOW_SHARE * spare, spare - wanted * each(gaps))
 
     intervals = choose_intervals(config.flow, frames, max_gap, affordable)
     points = wanted
-    if hop is not None:
+    if price is not None:
         points = costs.affordable_points(wanted, each(intervals), spare - flow(intervals))
     thinned = what_is_thinned(config, frames, intervals, points, wanted)
     if thinned is not None:

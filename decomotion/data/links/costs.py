@@ -58,6 +58,18 @@ class LaterCosts:
         return self.fixed + points * self.each
 
 
+@dataclass(frozen=True)
+class Costs:
+    """Of linking, and of what follows it."""
+
+    hop: HopCosts
+    later: LaterCosts
+
+    def of_a_point(self, frames: int, gaps: tuple[int, ...], matched: tuple[int, ...], max_gap: int) -> float:
+        """Seconds that a point of every frame takes in all; see `HopCosts.of_a_point`."""
+        return self.later.each + self.hop.of_a_point(frames, gaps, matched, max_gap)
+
+
 def later_costs(seconds: Callable[[int], float], wanted: int) -> LaterCosts:
     """By what `seconds` says of the fewest points and of all that are wanted."""
     fewest = min(wanted, MIN_POINTS)

@@ -25,7 +25,7 @@ from decomotion.data.config import DataConfig
 from decomotion.data.flow import FlowEstimator
 from decomotion.data.flow.interface import kept
 from decomotion.data.links.budget import check_time, scheduled
-from decomotion.data.links.costs import LaterCosts, later_costs
+from decomotion.data.links.costs import later_costs
 from decomotion.data.links.flow_store import FlowStore
 from decomotion.data.links.intervals import pairs_of
 from decomotion.data.links.layer import Layer, Mask
@@ -90,16 +90,16 @@ def build_links(
     given = None if masks is None else Layer(masks, raster)
     beside = given.effort() if given is not None else 0.0 if found is None else USUAL
     flows = FlowStore(working, estimator, matches, folder / "flow", beside)
-    later, hop = LaterCosts(0.0, 0.0), None
+    price = None
     if isinstance(config.flow.intervals, str) and not (folder / SCHEDULE).is_file():
-        later = later_costs(seconds_after, wanted)
-        hop = check_time(working, config, flows, wanted, 1.0 if found is None else 1.0 + USUAL, later)
+        rounds = 1.0 if found is None else 1.0 + USUAL
+        price = check_time(working, config, flows, wanted, rounds, later_costs(seconds_after, wanted))
     estimated = time.monotonic()
     matches.compute(progress)
     give_back()
     matched = time.monotonic()
     left = config.prepare_budget - spent - (matched - begin)
-    schedule = scheduled(working, config, flows, wanted, hop, later, left, folder / SCHEDULE)
+    schedule = scheduled(working, config, flows, wanted, price, left, folder / SCHEDULE)
     intervals = tuple(schedule["intervals"])
     estimator.require(pairs_of(intervals, len(clip)))
     count_of_flows = flows.compute(intervals, progress)
