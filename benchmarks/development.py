@@ -1,13 +1,16 @@
-"""The development clips' full table by one command: our fits, a single volume, and flow alone by DIS and RAFT-small.
+"""The development clips' tables by one command: fits, the links that they learn from, flow alone, and whole clips.
 
     python benchmarks/development.py ../shared
+    python benchmarks/development.py ../shared --only table
 
-runs the programs below, each as a user would, and writes `development.md`, the table of their records. What has a
-record is not run again: the same command goes on after an interruption and, where all is there, makes the table anew.
-The fits take more than twenty minutes a clip; nothing else may run beside them.
+runs the programs below, each as a user would, and writes `development.md`, the tables of their records. What has a
+record is not run again: the same command goes on after an interruption and, where all is there, makes the tables anew.
+The fits take a day and more of one core; nothing else may run beside them.
 
-    baselines.py    chained, direct and linked by fine DIS and by RAFT-small    OUT/baselines/<row>
-    accuracy.py     cpu and omnimotion, ten minutes each                        OUT/10m/<row>
+    baselines   baselines.py: chained, direct and linked by fine DIS    OUT/baselines/<row>
+    prepared    baselines.py: the links of a fit by themselves          OUT/prepared/<row>
+    fits        accuracy.py: the series of `SERIES`                     OUT/<series>/<row>
+    footage     footage.py: the parts of `WHOLE`, ten minutes a clip    OUT/footage
 """
 
 from __future__ import annotations
@@ -20,72 +23,121 @@ import click
 
 import accuracy
 import baselines
-from decomo_eval.query_mode import QUERY_MODES
+import footage
+from decomo_eval.dataset import read_dataset
+from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion.console import run
 from decomotion.files import replacing
+from harness.footage_table import table
+from harness.markdown import head, line
 from harness.records import Record, read_records
-from harness.summary import by_clip
+from harness.summary import AJ, COLUMNS, by_clip, by_seed
 from table import clip_table, row_table
 
-DATASET, MASKS, WEIGHTS = "data/tapvid_davis32_dev.pkl", "data/davis32_dev_mask.npz", "weights/raft-small.pth"
-FITS, BASELINES = "10m", "baselines"
+FIRST, FURTHER = "dev", "dev2"
+"""Ten clips and five; of each a dataset and masks lie in SHARED/data."""
+PARTS = BASELINES, PREPARED, FITS, FOOTAGE = "baselines", "prepared", "fits", "footage"
+POLE_SERIES = "pole"
+SERIES = {"like-steps": (FIRST, FURTHER), "seeds": (FIRST,), POLE_SERIES: (FIRST,)}
+"""And the clips that they are of."""
+METHODS = {FIRST: "chained,direct,linked", FURTHER: "chained"}
+WHOLE = ("joints", "ends", "first32")
 FINE = "data.flow.gradient_weight=10"
 """Of DIS alone: with it the records of `benchmarks/results/baselines` were made."""
-NOT_ENLARGED = "data.flow.upsample=1"
-"""Of RAFT-small alone: enlarged frames take it four to five times as long."""
-REFERENCE, OURS = "chained-dis", "cpu"
+GAPS = "data.flow.intervals=[1,2,4,8]"
+"""Of the series' links."""
+REFERENCE, SHORT, LONG = "chained-dis", "steps-1200", "cpu"
+POLE = "car-shadow"
+"""Its fits differ most from seed to seed: a pole of it is hidden for ten frames, and found again in some."""
+
+Rows = dict[str, list[Record]]
 
 
-def document(rows: dict[str, list[Record]], command: str) -> Iterator[str]:
-    """Lines of Markdown: what was measured and how, the rows, and our fits clip by clip."""
-    yield "# TAP-Vid-DAVIS, ten development clips, first 32 frames only, 256x256"
+def document(rows: Rows, further: set[str], seeds: list[Record], whole: list[str], command: str) -> Iterator[str]:
+    """Lines of Markdown: what was measured and how, the rows, the fits clip by clip, the pole, whole clips.
+
+    `further` are the clips of the second dataset, `seeds` all fits of one row, `whole` the lines of `footage.py`.
+    """
+    yield "# TAP-Vid-DAVIS, fifteen development clips, first 32 frames only, 256x256"
     yield ""
-    yield f"Made by `{command}` from the records in `{FITS}` and `{BASELINES}` beside this file."
+    yield f"Made by `{command}` from the records beside this file."
     yield "Published figures are for full-length clips and not comparable."
-    yield from ("", "| row | date | commit | settings | machine | threads |", "|---|---|---|---|---|---|")
+    yield from ("", *head(["row", "date", "commit", "settings", "machine", "threads"]))
     for name, row in rows.items():
         machines = [record["machine"] for record in row]
         facts = (
             [record["date"] for record in row],
             [record["commit"] for record in row],
-            [" ".join(record["overrides"]) for record in row],
+            [_settings(record) for record in row],
             [f"{machine['cores']} cores of {machine['processor']}" for machine in machines],
             [machine.get("threads", "not noted") for machine in machines],
         )
-        yield "| " + " | ".join([name, *(", ".join(sorted(set(values))) for values in facts)]) + " |"
-    for query_mode in QUERY_MODES:
-        reference = by_clip(rows[REFERENCE], query_mode) if REFERENCE in rows else None
-        yield from ("", f"## {query_mode}", "", *row_table(rows, query_mode, reference))
-        if OURS in rows:
-            yield from ("", f"`{OURS}`, clip by clip:", "", *clip_table(rows[OURS], query_mode, reference))
+        yield line([name, *(", ".join(sorted(set(values))) for values in facts)])
+    ten, five = (
+        {name: of for name, row in rows.items() if (of := [each for each in row if (each["clip"] in further) == which])}
+        for which in (False, True)
+    )
+    for title, some in (("ten clips", ten), ("five further clips", five)):
+        for query_mode in QUERY_MODES if some else ():
+            reference = by_clip(some[REFERENCE], query_mode) if REFERENCE in some else None
+            yield from ("", f"## {title}, {query_mode}", "", *row_table(some, query_mode, reference))
+    for name in (SHORT, LONG):
+        if name in rows:
+            reference = by_clip(rows[REFERENCE], STRIDED) if REFERENCE in rows else None
+            yield from ("", f"## {name}, clip by clip, {STRIDED}", "", *clip_table(rows[name], STRIDED, reference))
+    if pole := [record for record in seeds if record["clip"] == POLE]:
+        yield from ("", f"## {POLE}, seed by seed, {STRIDED}", "", *head(["seed", *(each.title for each in COLUMNS)]))
+        for seed in by_seed(pole, AJ, STRIDED):
+            of_seed = by_clip([record for record in pole if record["seed"] == seed], STRIDED)[POLE]
+            yield line([str(seed), *(each.text(of_seed[each]) for each in COLUMNS)])
+    yield from ("", "## Whole clips of 854x480, ten minutes each", "", *whole)
+
+
+def _settings(record: Record) -> str:
+    budget = f"{record['steps']} steps" if record.get("steps") else record.get("time_budget") or ""
+    return " ".join(filter(None, [budget, *record["overrides"]]))
+
+
+def rows_of(out: Path) -> Rows:
+    """The records of all rows, but for the further seeds of one clip."""
+    folders = (*(series for series in SERIES if series != POLE_SERIES), PREPARED, BASELINES)
+    return {name: row for folder in folders for name, row in read_records(out / folder).items()}
 
 
 @click.command(context_settings={"show_default": True})
 @click.argument("shared", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--clips", help="Names, separated by commas.  [default: all]")
-@click.option("--only", type=click.Choice([FITS, BASELINES, "table"]), help="One part, and the table of what is there.")
-@click.option("--out", type=click.Path(path_type=Path), default=accuracy.RESULTS, help="Folder of records and table.")
-def main(shared: Path, clips: str | None, only: str | None, out: Path) -> None:
-    """Regenerate the table from SHARED/data, the clips and their masks, and SHARED/weights, RAFT-small's."""
-    data = [str(shared / DATASET), "--object-masks", str(shared / MASKS)]
-    chosen = ["--clips", clips] if clips else []
-    flow, fits = ["--out", str(out / BASELINES), *chosen], ["--out", str(out / FITS), *chosen]
-    raft = ["--flows", "raft-small", "--raft-weights", str(shared / WEIGHTS), "--set", NOT_ENLARGED]
-    parts = [
-        (BASELINES, baselines.main, [*flow, "--flows", "dis", "--set", FINE]),
-        (BASELINES, baselines.main, [*flow, *raft]),
-        (FITS, accuracy.main, [*fits, "--preset", "cpu", "--preset", "omnimotion", "--time-budget", "10m"]),
-    ]
+@click.option("--only", type=click.Choice([*PARTS, "table"]), help="One part, and the tables of what is there.")
+@click.option("--out", type=click.Path(path_type=Path), default=accuracy.RESULTS, help="Folder of records and tables.")
+def main(shared: Path, only: str | None, out: Path) -> None:
+    """Regenerate the tables from SHARED/data: the clips of both datasets, whole clips, and their masks."""
+    datasets = {group: shared / "data" / f"tapvid_davis32_{group}.pkl" for group in METHODS}
+    data = {
+        group: [str(path), "--object-masks", str(shared / "data" / f"davis32_{group}_mask.npz")]
+        for group, path in datasets.items()
+    }
+    work: list[tuple[str, click.Command, list[str]]] = []
+    for group, methods in METHODS.items():
+        flow = ["--methods", methods, "--set", FINE, "--out", str(out / BASELINES)]
+        links = ["--methods", "prepared", "--set", GAPS, "--out", str(out / PREPARED)]
+        work += [(BASELINES, baselines.main, [*data[group], *flow]), (PREPARED, baselines.main, [*data[group], *links])]
+    for series, groups in SERIES.items():
+        options = ["--series", str(Path(__file__).parent / "series" / f"{series}.yaml"), "--out", str(out / series)]
+        work += [(FITS, accuracy.main, [*data[group], *options]) for group in groups]
+    asked = [option for part in WHOLE for option in ("--part", part)]
+    work.append((FOOTAGE, footage.main, [str(shared), *asked, "--out", str(out / FOOTAGE)]))
     try:
-        for part, program, options in parts:
+        for part, program, options in work:
             if only in (None, part):
-                program.main([*data, *options], standalone_mode=False)
+                program.main(options, standalone_mode=False)
     finally:
-        rows = {name: row for part in (FITS, BASELINES) for name, row in read_records(out / part).items()}
-        if rows:
-            path, command = out / "development.md", f"python benchmarks/development.py {shared}"
-            with replacing(path) as temporary:
-                temporary.write_text("\n".join(document(rows, command)) + "\n", encoding="utf-8")
+        if rows := rows_of(out):
+            further = set(read_dataset(str(datasets[FURTHER])))
+            seeds = [*rows.get(LONG, []), *read_records(out / POLE_SERIES).get(LONG, [])]
+            whole = list(table(out / FOOTAGE / "default", out / FOOTAGE / "chained", out / "seeds" / LONG))
+            command = f"python benchmarks/development.py {shared}"
+            with replacing(path := out / "development.md") as temporary:
+                content = document(rows, further, seeds, whole, command)
+                temporary.write_text("\n".join(content) + "\n", encoding="utf-8")
             click.echo(f"wrote {path}")
 
 

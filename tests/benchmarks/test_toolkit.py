@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import accuracy
 import baselines
 import development
+import footage
 import scoring
 import workers
 from decomotion.console import run
@@ -45,7 +48,7 @@ def test_scoring_is_timed_against_a_function_of_a_file_whose_libraries_are_absen
     assert run(scoring.main, [str(source)]) == 2
 
 
-def record(row: str, clip: str, aj: float) -> dict[str, Any]:
+def record(row: str, clip: str, aj: float, seed: int) -> dict[str, Any]:
     metrics = {mode: {"average_jaccard": aj, "average_pts_within_thresh": aj} for mode in ("strided", "first")}
     about = {
         "date": "2026-01-02",
@@ -55,48 +58,80 @@ def record(row: str, clip: str, aj: float) -> dict[str, Any]:
         "stages": {},
         "splits": {},
     }
-    return {"row": row, "clip": clip, "seed": 0, "metrics": metrics, **about}
+    return {"row": row, "clip": clip, "seed": seed, "steps": 40, "metrics": metrics, **about}
 
 
-def test_the_full_table_is_of_both_programs_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_full_table_is_of_all_programs_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Their own options, as they take them; their work is tested elsewhere."""
-    shared, out, asked = tmp_path / "shared", tmp_path / "results", []
-    for name in (development.MASKS, development.WEIGHTS):
-        (shared / name).parent.mkdir(parents=True, exist_ok=True)
-        (shared / name).touch()
+    out, asked = tmp_path / "results", []
+    (tmp_path / "data").mkdir()
+    for group, clips in (("dev", ["goat", "car-shadow"]), ("dev2", ["judo"])):
+        videos = {
+            clip: {
+                "video": np.zeros((2, 8, 12, 3), np.uint8),
+                "points": np.zeros((1, 2, 2)),
+                "occluded": np.zeros((1, 2), bool),
+            }
+            for clip in clips
+        }
+        (tmp_path / "data" / f"tapvid_davis32_{group}.pkl").write_bytes(pickle.dumps(videos))
+        (tmp_path / "data" / f"davis32_{group}_mask.npz").touch()
+
+    def write(folder: Path, row: str, clip: str, aj: float, seed: int = 0) -> None:
+        (folder / row).mkdir(parents=True, exist_ok=True)
+        (folder / row / f"{clip}-seed{seed}.json").write_text(json.dumps(record(row, clip, aj, seed)))
 
     def fit(**options: Any) -> None:
         asked.append(options)
-        (options["out"] / "cpu").mkdir(parents=True)
-        (options["out"] / "cpu" / "goat.json").write_text(json.dumps(record("cpu", "goat", 0.75)))
-        raise TrainingError("one of the fits failed")
+        clip = "judo" if "dev2" in options["dataset"] else "goat"
+        match options["series"].stem:
+            case "like-steps":
+                write(options["out"], "steps-1200", clip, 0.5)
+            case "seeds":
+                write(options["out"], "cpu", "car-shadow", 0.75)
+            case "pole":
+                write(options["out"], "cpu", "car-shadow", 0.25, 3)
+                raise TrainingError("one of the fits failed")
 
     def flow(**options: Any) -> None:
         asked.append(options)
+        clip = "judo" if "dev2" in options["dataset"] else "goat"
         for method in options["methods"].split(","):
-            row = options["out"] / f"{method}-{options['flows']}"
-            row.mkdir(parents=True)
-            (row / "goat.json").write_text(json.dumps(record(row.name, "goat", 0.5)))
+            write(options["out"], f"{method}-{options['flows']}", clip, 0.375)
 
-    monkeypatch.setattr(accuracy.main, "callback", fit)
-    monkeypatch.setattr(baselines.main, "callback", flow)
-    command = [str(shared), "--clips", "goat", "--out", str(out)]
-    assert run(development.main, command) == 1  # and the table is there
-    assert [options["flows"] for options in asked[:2]] == ["dis", "raft-small"]
-    assert asked[2]["presets"] == ("cpu", "omnimotion")
-    assert {options["clips"] for options in asked} == {"goat"}
-    rows = (out / "development.md").read_text()
-    for row in ("cpu", "chained-dis", "direct-dis", "linked-dis", "chained-raft-small", "linked-raft-small"):
-        assert f"| {row} | 1 | " in rows
-    assert "| cpu | 1 | 75.0 | 75.0 |" in rows
-    assert "| +25.0 |" in rows
-    assert "| cpu | 2026-01-02 | 0123abc | data.flow.upsample=1 | 2 cores of some | 1 |" in rows
+    def whole(**options: Any) -> None:
+        asked.append(options)
+
+    for program, callback in ((accuracy, fit), (baselines, flow), (footage, whole)):
+        monkeypatch.setattr(program.main, "callback", callback)
+    command = [str(tmp_path), "--out", str(out)]
+    assert run(development.main, command) == 1  # and the tables are there
+    assert [Path(each["dataset"]).stem for each in asked] == [
+        f"tapvid_davis32_{group}" for group in ("dev", "dev", "dev2", "dev2", "dev", "dev2", "dev", "dev")
+    ]
+    assert [each["methods"] for each in asked[:4]] == ["chained,direct,linked", "prepared", "chained", "prepared"]
+    assert [each["overrides"] for each in asked[:4]] == 2 * [(development.FINE,), (development.GAPS,)]
+    assert [each["series"].stem for each in asked[4:]] == ["like-steps", "like-steps", "seeds", "pole"]
+    tables = (out / "development.md").read_text()
+    ten, five = tables.index("## ten clips, strided"), tables.index("## five further clips, strided")
+    assert "| steps-1200 | 1 | 50.0 | 50.0 |" in tables[ten:five]
+    assert "| steps-1200 | 1 | 50.0 | 50.0 |" in tables[five:]
+    assert "| +12.5 |" in tables[ten:five]
+    assert "| cpu | 1 | 75.0 | 75.0 |" in tables[ten:five]
+    for row in ("chained-dis", "direct-dis", "linked-dis", "prepared-dis"):
+        assert f"| {row} | 1 | 37.5 " in tables[ten:five]
+        assert (f"| {row} | 1 | 37.5 " in tables[five:]) == (row in ("chained-dis", "prepared-dis"))
+    assert "| 0 | 75.0 |" in tables[tables.index("## car-shadow") :]
+    assert "| 3 | 25.0 |" in tables[tables.index("## car-shadow") :]
+    assert "| cpu | 2026-01-02 | 0123abc | 40 steps data.flow.upsample=1 | 2 cores of some | 1 |" in tables
 
     asked.clear()
     (out / "development.md").unlink()
     assert run(development.main, [*command, "--only", "table"]) == 0
     assert not asked
-    assert (out / "development.md").read_text() == rows
+    assert (out / "development.md").read_text() == tables
+    assert run(development.main, [*command, "--only", "footage"]) == 0
+    assert [each["parts"] for each in asked] == [("joints", "ends", "first32")]
 
 
 def test_workers_are_compared_on_the_same_videos(tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
