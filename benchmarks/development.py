@@ -5,7 +5,7 @@
 
 runs the programs below, each as a user would, and writes `development.md`, the tables of their records. What has a
 record is not run again: the same command goes on after an interruption and, where all is there, makes the tables anew.
-The fits take a day and more of one core; nothing else may run beside them.
+The fits take eight hours and more of one core; nothing else may run beside them.
 
     baselines   baselines.py: chained, direct and linked by fine DIS    OUT/baselines/<row>
     prepared    baselines.py: the links of a fit by themselves          OUT/prepared/<row>
