@@ -31,7 +31,7 @@ from decomotion.data.flow import build_flow
 from decomotion.data.flow.config import ESTIMATORS
 from decomotion.device import choose_device
 from harness.clips import read_clips
-from harness.prepared import led, prepared_links
+from harness.prepared import follow_links, prepared_links
 from harness.records import config_digest, is_done, provenance, score_clip, write_record
 
 ROWS = {"chained": "chain", "direct": "direct", "linked": "multi"}
@@ -61,7 +61,7 @@ def main(
     clips: str | None,
     out: Path,
 ) -> None:
-    """Track the queries of DATASET by flow alone: a TAP-Vid pickle, or the word `procedural`."""
+    """Track the queries of DATASET, a TAP-Vid pickle or the word `procedural`, by flow alone or by a fit's links."""
     for kind, given, known in (("method", methods, (*ROWS, PREPARED)), ("flow", flows, ESTIMATORS)):
         for name in given.split(","):
             if name not in known:
@@ -96,7 +96,7 @@ def tracker(method: str, video: Video, fields: Fields, config: DataConfig) -> Ca
     if method != PREPARED:
         return lambda queries: track(ROWS[method], queries, fields, config)
     pool = prepared_links(video, config)
-    return lambda queries: led(queries, pool, video.width, video.height)
+    return lambda queries: follow_links(queries, pool, video.width, video.height)
 
 
 if __name__ == "__main__":

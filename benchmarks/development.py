@@ -24,7 +24,6 @@ import click
 import accuracy
 import baselines
 import footage
-from decomo_eval.dataset import read_dataset
 from decomo_eval.query_mode import QUERY_MODES, STRIDED
 from decomotion.console import run
 from decomotion.files import replacing
@@ -34,13 +33,15 @@ from harness.records import Record, read_records
 from harness.summary import AJ, COLUMNS, by_clip, by_seed
 from table import clip_table, row_table
 
-FIRST, FURTHER = "dev", "dev2"
-"""Ten clips and five; of each a dataset and masks lie in SHARED/data."""
+TEN, FIVE = "dev", "dev2"
+"""Groups of so many clips; of each `DATASET` and `MASKS` lie in SHARED/data."""
+DATASET, MASKS = "tapvid_davis32_{}.pkl", "davis32_{}_mask.npz"
 PARTS = BASELINES, PREPARED, FITS, FOOTAGE = "baselines", "prepared", "fits", "footage"
-POLE_SERIES = "pole"
-SERIES = {"like-steps": (FIRST, FURTHER), "seeds": (FIRST,), POLE_SERIES: (FIRST,)}
-"""And the clips that they are of."""
-METHODS = {FIRST: "chained,direct,linked", FURTHER: "chained"}
+SERIES = {"like-steps": (TEN, FIVE), "seeds": (TEN,)}
+"""And the groups that they are of."""
+MORE_SEEDS = "pole"
+"""A series of one clip, beside those of `seeds`; it has no part in means over clips."""
+METHODS = {TEN: "chained,direct,linked", FIVE: "chained"}
 WHOLE = ("joints", "ends", "first32")
 FINE = "data.flow.gradient_weight=10"
 """Of DIS alone: with it the records of `benchmarks/results/baselines` were made."""
@@ -53,10 +54,10 @@ POLE = "car-shadow"
 Rows = dict[str, list[Record]]
 
 
-def document(rows: Rows, further: set[str], seeds: list[Record], whole: list[str], command: str) -> Iterator[str]:
+def document(rows: Rows, seeds: list[Record], whole: list[str], command: str) -> Iterator[str]:
     """Lines of Markdown: what was measured and how, the rows, the fits clip by clip, the pole, whole clips.
 
-    `further` are the clips of the second dataset, `seeds` all fits of one row, `whole` the lines of `footage.py`.
+    `seeds` are all fits of the row that has several, `whole` the lines of `footage.py`.
     """
     yield "# TAP-Vid-DAVIS, fifteen development clips, first 32 frames only, 256x256"
     yield ""
@@ -73,11 +74,8 @@ def document(rows: Rows, further: set[str], seeds: list[Record], whole: list[str
             [machine.get("threads", "not noted") for machine in machines],
         )
         yield line([name, *(", ".join(sorted(set(values))) for values in facts)])
-    ten, five = (
-        {name: of for name, row in rows.items() if (of := [each for each in row if (each["clip"] in further) == which])}
-        for which in (False, True)
-    )
-    for title, some in (("ten clips", ten), ("five further clips", five)):
+    for title, group in (("ten clips", TEN), ("five further clips", FIVE)):
+        some = _of(group, rows)
         for query_mode in QUERY_MODES if some else ():
             reference = by_clip(some[REFERENCE], query_mode) if REFERENCE in some else None
             yield from ("", f"## {title}, {query_mode}", "", *row_table(some, query_mode, reference))
@@ -93,15 +91,21 @@ def document(rows: Rows, further: set[str], seeds: list[Record], whole: list[str
     yield from ("", "## Whole clips of 854x480, ten minutes each", "", *whole)
 
 
+def _of(group: str, rows: Rows) -> Rows:
+    """What the rows have of a group of clips; rows that have nothing are left out."""
+    dataset = DATASET.format(group)
+    some = {name: [record for record in row if record["dataset"] == dataset] for name, row in rows.items()}
+    return {name: row for name, row in some.items() if row}
+
+
 def _settings(record: Record) -> str:
     budget = f"{record['steps']} steps" if record.get("steps") else record.get("time_budget") or ""
     return " ".join(filter(None, [budget, *record["overrides"]]))
 
 
 def rows_of(out: Path) -> Rows:
-    """The records of all rows, but for the further seeds of one clip."""
-    folders = (*(series for series in SERIES if series != POLE_SERIES), PREPARED, BASELINES)
-    return {name: row for folder in folders for name, row in read_records(out / folder).items()}
+    """The records of all rows, but for those of `MORE_SEEDS`."""
+    return {name: row for folder in (*SERIES, PREPARED, BASELINES) for name, row in read_records(out / folder).items()}
 
 
 @click.command(context_settings={"show_default": True})
@@ -110,17 +114,17 @@ def rows_of(out: Path) -> Rows:
 @click.option("--out", type=click.Path(path_type=Path), default=accuracy.RESULTS, help="Folder of records and tables.")
 def main(shared: Path, only: str | None, out: Path) -> None:
     """Regenerate the tables from SHARED/data: the clips of both datasets, whole clips, and their masks."""
-    datasets = {group: shared / "data" / f"tapvid_davis32_{group}.pkl" for group in METHODS}
+    folder = shared / "data"
     data = {
-        group: [str(path), "--object-masks", str(shared / "data" / f"davis32_{group}_mask.npz")]
-        for group, path in datasets.items()
+        group: [str(folder / DATASET.format(group)), "--object-masks", str(folder / MASKS.format(group))]
+        for group in METHODS
     }
     work: list[tuple[str, click.Command, list[str]]] = []
     for group, methods in METHODS.items():
         flow = ["--methods", methods, "--set", FINE, "--out", str(out / BASELINES)]
         links = ["--methods", "prepared", "--set", GAPS, "--out", str(out / PREPARED)]
         work += [(BASELINES, baselines.main, [*data[group], *flow]), (PREPARED, baselines.main, [*data[group], *links])]
-    for series, groups in SERIES.items():
+    for series, groups in (SERIES | {MORE_SEEDS: (TEN,)}).items():
         options = ["--series", str(Path(__file__).parent / "series" / f"{series}.yaml"), "--out", str(out / series)]
         work += [(FITS, accuracy.main, [*data[group], *options]) for group in groups]
     asked = [option for part in WHOLE for option in ("--part", part)]
@@ -131,12 +135,11 @@ def main(shared: Path, only: str | None, out: Path) -> None:
                 program.main(options, standalone_mode=False)
     finally:
         if rows := rows_of(out):
-            further = set(read_dataset(str(datasets[FURTHER])))
-            seeds = [*rows.get(LONG, []), *read_records(out / POLE_SERIES).get(LONG, [])]
+            seeds = [*rows.get(LONG, []), *read_records(out / MORE_SEEDS).get(LONG, [])]
             whole = list(table(out / FOOTAGE / "default", out / FOOTAGE / "chained", out / "seeds" / LONG))
             command = f"python benchmarks/development.py {shared}"
             with replacing(path := out / "development.md") as temporary:
-                content = document(rows, further, seeds, whole, command)
+                content = document(rows, seeds, whole, command)
                 temporary.write_text("\n".join(content) + "\n", encoding="utf-8")
             click.echo(f"wrote {path}")
 

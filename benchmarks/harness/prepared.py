@@ -24,7 +24,7 @@ def prepared_links(video: Video, config: DataConfig) -> Pool:
         return prepare(read_clip(write_frames(video, Path(folder) / video.name)), config, progress=False)
 
 
-def led(queries: Queries, pool: Pool, width: int, height: int) -> Prediction:
+def follow_links(queries: Queries, pool: Pool, width: int, height: int) -> Prediction:
     """Where links lead from queries, in a clip of that size.
 
     A query goes where the pool's nearest point of its frame goes, shifted by as much as it lies beside that; where the

@@ -6,7 +6,7 @@ import numpy as np
 
 from decomo_eval.tapvid import Queries, pixels_to_raster
 from decomotion.data.pool import Pool
-from harness.prepared import led
+from harness.prepared import follow_links
 
 WIDTH, HEIGHT, FRAMES = 30, 20, 4
 POINTS = np.array([[5.0, 6.0], [22.0, 12.0]], np.float32)
@@ -38,7 +38,7 @@ def test_queries_go_with_the_nearest_point_of_their_frame():
     points = np.array([0, 0, 1])
     asked = pixels_to_raster(POINTS[points] + beside, WIDTH, HEIGHT)
     unknown = np.zeros((3, FRAMES, 2)), np.zeros((3, FRAMES), bool)
-    found = led(Queries(np.column_stack([frames, asked[:, ::-1]]), *unknown), make_pool(), WIDTH, HEIGHT)
+    found = follow_links(Queries(np.column_stack([frames, asked[:, ::-1]]), *unknown), make_pool(), WIDTH, HEIGHT)
     steps = np.arange(FRAMES) - frames[:, None]
     there = (POINTS[points] + beside)[:, None] + steps[..., None] * VELOCITY[points][:, None]
     np.testing.assert_allclose(found.tracks, pixels_to_raster(there, WIDTH, HEIGHT), atol=1e-4)
